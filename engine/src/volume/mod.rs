@@ -1,0 +1,196 @@
+//! The volume: voxels as they were stored, the rescale to data values (CT: HU) and the grid in the world.
+//! Everything downstream (statistics, bricks, upload, reference) reads it through this file.
+
+pub mod labels;
+
+use std::path::PathBuf;
+
+use crate::spaces::Grid;
+
+/// Voxels in the type of the file, x fastest. One copy in memory, never widened.
+#[derive(Clone, Debug, PartialEq)]
+#[expect(missing_docs, reason = "each variant is its element type")]
+pub enum Voxels {
+    U8(Vec<u8>),
+    I8(Vec<i8>),
+    U16(Vec<u16>),
+    I16(Vec<i16>),
+    U32(Vec<u32>),
+    I32(Vec<i32>),
+    U64(Vec<u64>),
+    I64(Vec<i64>),
+    F32(Vec<f32>),
+    F64(Vec<f64>),
+}
+
+/// Runs `$body` with `$slice` bound to the typed voxel slice, whichever type it has.
+#[macro_export]
+macro_rules! with_voxels {
+    ($voxels:expr, $slice:ident => $body:expr) => {
+        match $voxels {
+            $crate::volume::Voxels::U8($slice) => $body,
+            $crate::volume::Voxels::I8($slice) => $body,
+            $crate::volume::Voxels::U16($slice) => $body,
+            $crate::volume::Voxels::I16($slice) => $body,
+            $crate::volume::Voxels::U32($slice) => $body,
+            $crate::volume::Voxels::I32($slice) => $body,
+            $crate::volume::Voxels::U64($slice) => $body,
+            $crate::volume::Voxels::I64($slice) => $body,
+            $crate::volume::Voxels::F32($slice) => $body,
+            $crate::volume::Voxels::F64($slice) => $body,
+        }
+    };
+}
+
+/// A stored number that can become a data value.
+pub trait Voxel: Copy + PartialOrd + Send + Sync + 'static {
+    /// The stored number as f64 (64-bit integers above 2⁵³ round).
+    fn to_f64(self) -> f64;
+    /// Whether it is a number at all (false for NaN and ±Inf).
+    fn is_finite(self) -> bool;
+}
+
+macro_rules! impl_voxel {
+    ($($t:ty),*; $($f:ty),*) => {
+        $(impl Voxel for $t {
+            fn to_f64(self) -> f64 { self as f64 }
+            fn is_finite(self) -> bool { true }
+        })*
+        $(impl Voxel for $f {
+            fn to_f64(self) -> f64 { f64::from(self) }
+            fn is_finite(self) -> bool { self.is_finite() }
+        })*
+    };
+}
+impl_voxel!(u8, i8, u16, i16, u32, i32, u64, i64; f32, f64);
+
+impl Voxels {
+    /// Number of voxels.
+    pub fn len(&self) -> usize {
+        with_voxels!(self, v => v.len())
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Name of the element type as NumPy spells it ("int16").
+    pub fn type_name(&self) -> &'static str {
+        match self {
+            Self::U8(_) => "uint8",
+            Self::I8(_) => "int8",
+            Self::U16(_) => "uint16",
+            Self::I16(_) => "int16",
+            Self::U32(_) => "uint32",
+            Self::I32(_) => "int32",
+            Self::U64(_) => "uint64",
+            Self::I64(_) => "int64",
+            Self::F32(_) => "float32",
+            Self::F64(_) => "float64",
+        }
+    }
+
+    /// Bytes of one voxel.
+    pub fn bytes_per_voxel(&self) -> usize {
+        match self {
+            Self::U8(_) | Self::I8(_) => 1,
+            Self::U16(_) | Self::I16(_) => 2,
+            Self::U32(_) | Self::I32(_) | Self::F32(_) => 4,
+            Self::U64(_) | Self::I64(_) | Self::F64(_) => 8,
+        }
+    }
+}
+
+/// data value = stored × slope + intercept (CT: HU). The identity where a file says nothing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rescale {
+    /// Factor, finite and not 0.
+    pub slope: f64,
+    /// Offset, finite.
+    pub intercept: f64,
+}
+
+impl Rescale {
+    /// Stored numbers are data values.
+    pub const IDENTITY: Self = Self { slope: 1.0, intercept: 0.0 };
+
+    /// The data value of a stored number.
+    pub fn value(self, stored: f64) -> f64 {
+        stored * self.slope + self.intercept
+    }
+}
+
+/// What the voxels measure, as far as the file says.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Modality {
+    /// Hounsfield units.
+    Ct,
+    /// Magnetic resonance: arbitrary units.
+    Mr,
+    /// Not stated.
+    #[default]
+    Unknown,
+}
+
+/// A scalar volume in the world.
+#[derive(Clone, Debug)]
+pub struct Volume {
+    /// Size and place in the world.
+    pub grid: Grid,
+    /// The stored numbers, `grid.num_voxels()` of them, x fastest.
+    pub voxels: Voxels,
+    /// From stored numbers to data values.
+    pub rescale: Rescale,
+    /// What the data values mean.
+    pub modality: Modality,
+    /// The file format it came from ("NIfTI-1", "specimen").
+    pub format: String,
+    /// The file or folder it came from, if any.
+    pub source: Option<PathBuf>,
+    /// How many frames the file holds; this volume is one of them.
+    pub num_frames: usize,
+    /// What the user should know about how the file was read, a sentence each.
+    pub warnings: Vec<String>,
+}
+
+impl Volume {
+    /// A volume without a file.
+    ///
+    /// # Errors
+    /// A clause, if the number of voxels is not that of the grid or the rescale is not finite or has slope 0.
+    pub fn new(grid: Grid, voxels: Voxels, rescale: Rescale, format: &str) -> std::result::Result<Self, String> {
+        if voxels.len() != grid.num_voxels() {
+            return Err(format!("{} voxels do not fill a grid of {}", voxels.len(), grid.num_voxels()));
+        }
+        if !(rescale.slope.is_finite() && rescale.intercept.is_finite() && rescale.slope != 0.0) {
+            return Err(format!("rescale slope {} and intercept {} are unusable", rescale.slope, rescale.intercept));
+        }
+        Ok(Self {
+            grid,
+            voxels,
+            rescale,
+            modality: Modality::Unknown,
+            format: format.to_owned(),
+            source: None,
+            num_frames: 1,
+            warnings: Vec::new(),
+        })
+    }
+
+    /// Data value at a voxel (NaN and ±Inf as stored).
+    ///
+    /// # Panics
+    /// If the index is outside the grid.
+    pub fn value(&self, x: usize, y: usize, z: usize) -> f64 {
+        let [nx, ny, _] = self.grid.dims();
+        let i = x + nx * (y + ny * z);
+        self.rescale.value(with_voxels!(&self.voxels, v => v[i].to_f64()))
+    }
+
+    /// Decoded size in bytes, in the stored type.
+    pub fn num_bytes(&self) -> usize {
+        self.voxels.len() * self.voxels.bytes_per_voxel()
+    }
+}
