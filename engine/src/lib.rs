@@ -1,9 +1,16 @@
 //! Fabrica's engine: volumes, scenes, the wgpu raycaster and its f64 reference, image files.
 //! It knows no window and no physics; `ARCHITECTURE.md` has the map.
 
+pub mod color;
 pub mod error;
+pub mod gpu;
+pub mod image_out;
+pub mod pass;
 pub mod progress;
+pub mod render;
+pub mod scene;
 pub mod spaces;
+pub mod styles;
 pub mod volume;
 
 pub use error::{Error, Result};

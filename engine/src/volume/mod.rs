@@ -1,7 +1,11 @@
 //! The volume: voxels as they were stored, the rescale to data values (CT: HU) and the grid in the world.
 //! Everything downstream (statistics, bricks, upload, reference) reads it through this file.
 
+pub mod bricks;
+pub mod gradient;
 pub mod labels;
+pub mod no_data;
+pub mod prefilter;
 
 use std::path::PathBuf;
 

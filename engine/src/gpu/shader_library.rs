@@ -1,0 +1,108 @@
+//! Shader texts: the modules under `shaders/`, and the one resolver that puts together what a pipeline key needs.
+//!
+//! `#import bind/frame` pulls a module in once; `#import {sampling}` names a choice that the key makes. A feature
+//! that the scene lacks is not in the text, so it costs nothing.
+
+use std::collections::HashSet;
+use std::fmt::Write;
+
+macro_rules! modules {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("../../../shaders/", $name, ".wgsl")))),*]
+    };
+}
+
+/// Every module: (name, text).
+pub const MODULES: &[(&str, &str)] = modules![
+    "bind/frame",
+    "bind/object",
+    "bind/validity",
+    "lib/composite",
+    "lib/fullscreen",
+    "lib/gradient",
+    "lib/opacity",
+    "lib/ray",
+    "lib/sample_filtered",
+    "lib/sample_loads",
+    "lib/skip",
+    "lib/style",
+    "lib/transfer_function",
+    "lib/validity_all",
+    "raycast",
+];
+
+/// What a raycast pipeline is made for. Equal keys have equal text.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct RaycastKey {
+    /// The adapter filters the volume's format; otherwise eight loads do.
+    pub filtered: bool,
+    /// The volume has voxels that are no number.
+    pub no_data: bool,
+}
+
+impl std::fmt::Display for RaycastKey {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(if self.filtered { "raycast filtered" } else { "raycast loads" })?;
+        if self.no_data { f.write_str(" no_data") } else { Ok(()) }
+    }
+}
+
+impl RaycastKey {
+    /// Every key there is.
+    pub fn all() -> impl Iterator<Item = Self> {
+        [true, false].into_iter().flat_map(|filtered| [false, true].map(|no_data| Self { filtered, no_data }))
+    }
+
+    /// The WGSL text for this key.
+    ///
+    /// # Errors
+    /// The name of a module that is imported and missing (a programming error that tests catch).
+    pub fn wgsl(self) -> Result<String, String> {
+        assemble("raycast", &|choice| match choice {
+            "sampling" => Some(if self.filtered { "lib/sample_filtered" } else { "lib/sample_loads" }),
+            "no_data" => Some(if self.no_data { "bind/validity" } else { "lib/validity_all" }),
+            _ => None,
+        })
+    }
+}
+
+/// Puts an entry module and everything it imports into one text, each module once, imports first.
+///
+/// # Errors
+/// The name of an import that does not exist.
+pub fn assemble(entry: &str, choose: &dyn Fn(&str) -> Option<&'static str>) -> Result<String, String> {
+    let (mut text, mut seen) = (String::new(), HashSet::new());
+    add(entry, choose, &mut seen, &mut text)?;
+    Ok(text)
+}
+
+fn add(
+    name: &str,
+    choose: &dyn Fn(&str) -> Option<&'static str>,
+    seen: &mut HashSet<String>,
+    text: &mut String,
+) -> Result<(), String> {
+    if !seen.insert(name.to_owned()) {
+        return Ok(());
+    }
+    let module = MODULES.iter().find(|(n, _)| *n == name).ok_or_else(|| format!("no shader module \"{name}\""))?.1;
+    let mut body = String::new();
+    for line in module.lines() {
+        match line.strip_prefix("#import ").map(str::trim) {
+            None => {
+                body.push_str(line);
+                body.push('\n');
+            }
+            Some(import) => {
+                let target = match import.strip_prefix('{').and_then(|i| i.strip_suffix('}')) {
+                    None => import,
+                    Some(choice) => choose(choice).ok_or_else(|| format!("no choice for {{{choice}}} in \"{name}\""))?,
+                };
+                add(target, choose, seen, text)?;
+            }
+        }
+    }
+    // Writing to a String cannot fail.
+    let _ = writeln!(text, "// ---- {name} ----\n{body}");
+    Ok(())
+}

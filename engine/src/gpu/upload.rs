@@ -1,0 +1,316 @@
+//! Volumes on the adapter: encoding, 3-D textures, the prefiltered copy, bricks.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::context::GpuContext;
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::scene::Object;
+use crate::volume::bricks::MinMaxBricks;
+use crate::volume::no_data::fill_no_data;
+use crate::volume::prefilter::Prefilter;
+use crate::volume::{Volume, Voxel, Voxels};
+use crate::with_voxels;
+
+/// texel = (stored − offset) × scale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Encoding {
+    /// In stored numbers.
+    pub offset: f64,
+    /// Texel units per stored number, positive.
+    pub scale: f64,
+}
+
+impl Encoding {
+    /// The texel value of a stored number.
+    pub fn texel(self, stored: f64) -> f64 {
+        (stored - self.offset) * self.scale
+    }
+}
+
+/// A volume's textures, with what the CPU side needs to use them.
+#[derive(Debug)]
+pub struct ResidentVolume {
+    /// Trilinear source of opacity.
+    pub values: wgpu::TextureView,
+    /// Encoding of `values`.
+    pub encoding: Encoding,
+    /// Source of gradients: the prefiltered copy, or `values` again where σ_g = 0.
+    pub gradients: wgpu::TextureView,
+    /// Encoding of `gradients`.
+    pub gradient_encoding: Encoding,
+    /// 1 where a voxel has data; absent where all have.
+    pub validity: Option<wgpu::TextureView>,
+    /// Whether the adapter filters these formats.
+    pub filtered: bool,
+    /// Ranges of stored numbers, for the skip map.
+    pub bricks: MinMaxBricks,
+    /// G: ‖g‖ (data units per mm) that counts as a full edge.
+    pub gradient_max: f64,
+    /// Voxels that are no number.
+    pub num_gaps: usize,
+}
+
+/// Bytes handed to the driver at a time: the staging copy stays small against the volume.
+const SLAB_BYTES: usize = 8 << 20;
+
+#[derive(Clone, Copy, PartialEq)]
+enum Texel {
+    Unorm16,
+    Float32,
+}
+
+impl Texel {
+    fn format(self) -> wgpu::TextureFormat {
+        match self {
+            Self::Unorm16 => wgpu::TextureFormat::R16Unorm,
+            Self::Float32 => wgpu::TextureFormat::R32Float,
+        }
+    }
+
+    fn bytes(self) -> usize {
+        match self {
+            Self::Unorm16 => 2,
+            Self::Float32 => 4,
+        }
+    }
+}
+
+impl ResidentVolume {
+    /// Uploads an object's volume and its prefiltered copy.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] for a volume over the adapter's limits, naming the limit; [`Error::Cancelled`].
+    pub fn upload(context: &GpuContext, object: &Object, progress: &Progress) -> Result<Self> {
+        let volume = &object.volume;
+        let dims = volume.grid.dims();
+        check_limits(context, volume)?;
+        let filled = fill_no_data(volume);
+        let voxels = filled.voxels.as_ref();
+        let bricks = MinMaxBricks::compute(voxels, dims);
+        let range = bricks.range();
+        let (texel, encoding) = choose_encoding(context, voxels, range);
+
+        let sigma = sigma_voxels(volume, object.gradient_scale_mm);
+        let prefiltered = sigma.iter().any(|s| *s > 0.0);
+        let num_copies = 1 + u64::from(prefiltered) + u64::from(filled.valid.is_some());
+        progress.begin("uploading", num_copies * dims[2] as u64);
+
+        let values = make_texture(context, "volume", dims, texel)?;
+        write_slabs(context, &values, dims, texel, progress, |z0, z1| {
+            let plane = dims[0] * dims[1];
+            encode(voxels, z0 * plane..z1 * plane, encoding, texel)
+        })?;
+        let values = values.create_view(&wgpu::TextureViewDescriptor::default());
+
+        let (gradients, gradient_encoding) = if prefiltered {
+            // The copy gets the finest grid that 16 bits give it: rounding to whole HU would show in the normals.
+            let span = if range.1 > range.0 { range.1 - range.0 } else { 1.0 };
+            let encoding = match texel {
+                Texel::Unorm16 => Encoding { offset: range.0, scale: 1.0 / span },
+                Texel::Float32 => encoding,
+            };
+            let mut filter = Prefilter::new(voxels, dims, sigma, encoding.offset, encoding.scale);
+            let texture = make_texture(context, "gradient volume", dims, texel)?;
+            write_slabs(context, &texture, dims, texel, progress, |z0, z1| match texel {
+                Texel::Float32 => bytemuck::cast_slice(&filter.slab(z0, z1)).to_vec(),
+                Texel::Unorm16 => {
+                    let smooth = filter.slab(z0, z1);
+                    let codes: Vec<u16> = smooth.par_iter().map(|v| (v * 65535.0 + 0.5) as u16).collect();
+                    bytemuck::cast_slice(&codes).to_vec()
+                }
+            })?;
+            (texture.create_view(&wgpu::TextureViewDescriptor::default()), encoding)
+        } else {
+            (values.clone(), encoding)
+        };
+
+        let validity = match &filled.valid {
+            None => None,
+            Some(valid) => {
+                let texture = make_texture(context, "validity", dims, texel)?;
+                let plane = dims[0] * dims[1];
+                write_slabs(context, &texture, dims, texel, progress, |z0, z1| {
+                    let slab = &valid[z0 * plane..z1 * plane];
+                    match texel {
+                        Texel::Unorm16 => slab.iter().flat_map(|v| (u16::from(*v) * 257).to_ne_bytes()).collect(),
+                        Texel::Float32 => slab.iter().flat_map(|v| (f32::from(*v) / 255.0).to_ne_bytes()).collect(),
+                    }
+                })?;
+                Some(texture.create_view(&wgpu::TextureViewDescriptor::default()))
+            }
+        };
+        Ok(Self {
+            values,
+            encoding,
+            gradients,
+            gradient_encoding,
+            validity,
+            filtered: texel == Texel::Unorm16 || context.formats.r32_filterable,
+            gradient_max: crate::volume::gradient::gradient_max(volume, voxels),
+            bricks,
+            num_gaps: filled.num_gaps(),
+        })
+    }
+}
+
+/// σ_g in voxels along each index axis.
+pub fn sigma_voxels(volume: &Volume, sigma_mm: f64) -> [f64; 3] {
+    (glam::DVec3::splat(sigma_mm) / volume.grid.spacing_mm()).to_array()
+}
+
+fn check_limits(context: &GpuContext, volume: &Volume) -> Result<()> {
+    let dims = volume.grid.dims();
+    let edge = context.adapter.max_volume_edge as usize;
+    if dims.iter().any(|n| *n > edge) {
+        return Err(Error::gpu(
+            format!(
+                "the volume has {} x {} x {} voxels and the adapter {} takes 3-D textures of at most {edge} along an axis",
+                dims[0], dims[1], dims[2], context.adapter.name
+            ),
+            "crop or downsample it, or choose another adapter",
+        ));
+    }
+    Ok(())
+}
+
+/// Integers of up to 16 bits become 16-bit texels over their type's full range: exact. Wider integers that span
+/// no more than 65 535 do as well. Everything else is float.
+fn choose_encoding(context: &GpuContext, voxels: &Voxels, range: (f64, f64)) -> (Texel, Encoding) {
+    let unorm = |offset: f64| (Texel::Unorm16, Encoding { offset, scale: 1.0 / 65535.0 });
+    let (texel, encoding) = match voxels {
+        Voxels::U8(_) => (Texel::Unorm16, Encoding { offset: 0.0, scale: 1.0 / 255.0 }),
+        Voxels::I8(_) => (Texel::Unorm16, Encoding { offset: f64::from(i8::MIN), scale: 1.0 / 255.0 }),
+        Voxels::U16(_) => unorm(0.0),
+        Voxels::I16(_) => unorm(f64::from(i16::MIN)),
+        Voxels::U32(_) | Voxels::I32(_) if range.1 - range.0 <= 65535.0 => unorm(range.0),
+        // 64-bit integers beyond 2⁵³ are rounded by f64 already; near 0 they are as exact as the others.
+        Voxels::U64(_) | Voxels::I64(_)
+            if range.1 - range.0 <= 65535.0 && range.0.abs().max(range.1.abs()) < 2f64.powi(53) =>
+        {
+            unorm(range.0)
+        }
+        _ => {
+            // Only a scale, so that f32's relative precision is kept next to outliers of 1e30, unless all values
+            // sit far from 0 and close together.
+            let largest = range.0.abs().max(range.1.abs());
+            let (span, middle) = (range.1 - range.0, 0.5 * range.0 + 0.5 * range.1);
+            let offset = if span < 1e-2 * middle.abs() { middle } else { 0.0 };
+            let size = if offset == 0.0 { largest } else { span };
+            let scale = if size > 0.0 && (1.0 / size).is_finite() { 1.0 / size } else { 1.0 };
+            (Texel::Float32, Encoding { offset, scale })
+        }
+    };
+    if texel == Texel::Unorm16 && !context.formats.r16_filterable { (Texel::Float32, encoding) } else { (texel, encoding) }
+}
+
+fn encode(voxels: &Voxels, part: std::ops::Range<usize>, encoding: Encoding, texel: Texel) -> Vec<u8> {
+    if texel == Texel::Float32 {
+        return with_voxels!(voxels, v => {
+            let texels: Vec<f32> =
+                v[part].par_iter().map(|s| encoding.texel(s.to_f64()) as f32).collect();
+            bytemuck::cast_slice(&texels).to_vec()
+        });
+    }
+    let codes: Vec<u16> = match voxels {
+        Voxels::U8(v) => v[part].par_iter().map(|s| u16::from(*s) * 257).collect(),
+        Voxels::I8(v) => v[part].par_iter().map(|s| (i16::from(*s) + 128) as u16 * 257).collect(),
+        Voxels::U16(v) => return bytemuck::cast_slice(&v[part]).to_vec(),
+        Voxels::I16(v) => v[part].par_iter().map(|s| (*s as u16) ^ 0x8000).collect(),
+        wide => with_voxels!(wide, v => {
+            v[part].par_iter().map(|s| (encoding.texel(s.to_f64()) * 65535.0 + 0.5) as u16).collect()
+        }),
+    };
+    bytemuck::cast_slice(&codes).to_vec()
+}
+
+fn make_texture(context: &GpuContext, label: &str, dims: [usize; 3], texel: Texel) -> Result<wgpu::Texture> {
+    let bytes = (dims[0] * dims[1] * dims[2] * texel.bytes()) as f64;
+    let what = format!(
+        "a 3-D texture of {} x {} x {} texels ({:.1} GiB) for the {label}",
+        dims[0],
+        dims[1],
+        dims[2],
+        bytes / (1u64 << 30) as f64
+    );
+    context.checked(&what, "crop or downsample the volume, or choose another adapter", |device| {
+        device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: extent(dims),
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D3,
+            format: texel.format(),
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        })
+    })
+}
+
+pub(crate) fn extent(dims: [usize; 3]) -> wgpu::Extent3d {
+    wgpu::Extent3d { width: dims[0] as u32, height: dims[1] as u32, depth_or_array_layers: dims[2] as u32 }
+}
+
+fn write_slabs(
+    context: &GpuContext,
+    texture: &wgpu::Texture,
+    dims: [usize; 3],
+    texel: Texel,
+    progress: &Progress,
+    mut slab: impl FnMut(usize, usize) -> Vec<u8>,
+) -> Result<()> {
+    let row = dims[0] * texel.bytes();
+    let planes = (SLAB_BYTES / (row * dims[1])).max(1);
+    for z0 in (0..dims[2]).step_by(planes) {
+        let z1 = (z0 + planes).min(dims[2]);
+        context.queue.write_texture(
+            wgpu::TexelCopyTextureInfo {
+                texture,
+                mip_level: 0,
+                origin: wgpu::Origin3d { x: 0, y: 0, z: z0 as u32 },
+                aspect: wgpu::TextureAspect::All,
+            },
+            &slab(z0, z1),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(row as u32),
+                rows_per_image: Some(dims[1] as u32),
+            },
+            extent([dims[0], dims[1], z1 - z0]),
+        );
+        // Submitting and waiting frees the staging copy before the next one is made.
+        context.queue.submit([]);
+        context
+            .device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .map_err(|e| Error::gpu(format!("the adapter stopped while a volume was uploaded: {e}"), "try again"))?;
+        progress.advance((z1 - z0) as u64)?;
+    }
+    Ok(())
+}
+
+/// Volumes that are on the adapter already, so that a new camera or transfer function uploads nothing.
+#[derive(Debug, Default)]
+pub struct ResidentVolumes(Vec<(std::sync::Weak<Volume>, f64, Arc<ResidentVolume>)>);
+
+impl ResidentVolumes {
+    /// The object's volume, uploaded if need be. Volumes that nobody holds any more are let go.
+    ///
+    /// # Errors
+    /// As [`ResidentVolume::upload`].
+    pub fn get(&mut self, context: &GpuContext, object: &Object, progress: &Progress) -> Result<Arc<ResidentVolume>> {
+        self.0.retain(|(volume, ..)| volume.strong_count() > 0);
+        let found = self
+            .0
+            .iter()
+            .find(|(v, sigma, _)| std::ptr::eq(v.as_ptr(), &*object.volume) && *sigma == object.gradient_scale_mm);
+        if let Some((.., resident)) = found {
+            return Ok(resident.clone());
+        }
+        let resident = Arc::new(ResidentVolume::upload(context, object, progress)?);
+        self.0.push((Arc::downgrade(&object.volume), object.gradient_scale_mm, resident.clone()));
+        Ok(resident)
+    }
+}

@@ -1,0 +1,3 @@
+//! Passes: what is drawn in a frame, each with its per-frame data.
+
+pub mod raycast;

@@ -1,0 +1,557 @@
+//! The raycast pass: uniforms from the scene (all camera geometry in f64), tabulated transfer function, skip map,
+//! style array, pipeline per key.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use glam::DVec3;
+use wgpu::util::DeviceExt as _;
+
+use crate::error::{Error, Result};
+use crate::gpu::context::GpuContext;
+use crate::gpu::shader_library::RaycastKey;
+use crate::gpu::upload::{Encoding, ResidentVolume, extent};
+use crate::scene::{Camera, Object, Projection, Quality, Scene, StyleTransferFunction};
+use crate::spaces::Grid;
+use crate::styles::StyleImage;
+use crate::volume::Rescale;
+
+/// Entries of the tabulated transfer function.
+pub const TABLE_SIZE: usize = 4096;
+
+/// Format of the pass's result: premultiplied linear, f32.
+pub const TARGET_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
+
+/// `Frame` of `shaders/bind/frame.wgsl`; a test holds the layout against the shader's.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct FrameUniform {
+    near_origin: [f32; 3],
+    step_voxels: f32,
+    near_dx: [f32; 3],
+    termination: f32,
+    near_dy: [f32; 3],
+    near_depth: f32,
+    forward: [f32; 3],
+    footprint: f32,
+    forward_dx: [f32; 3],
+    footprint_growth: f32,
+    forward_dy: [f32; 3],
+    pad0: f32,
+    right: [f32; 3],
+    pad1: f32,
+    up: [f32; 3],
+    pad2: f32,
+    image_size: [u32; 2],
+    tile_origin: [u32; 2],
+}
+
+/// `Object` of `shaders/bind/object.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct ObjectUniform {
+    index_from_world_x: [f32; 3],
+    reference_length: f32,
+    index_from_world_y: [f32; 3],
+    transfer_first: f32,
+    index_from_world_z: [f32; 3],
+    transfer_scale: f32,
+    world_from_gradient_x: [f32; 3],
+    pad0: f32,
+    world_from_gradient_y: [f32; 3],
+    pad1: f32,
+    world_from_gradient_z: [f32; 3],
+    pad2: f32,
+    box_max: [f32; 3],
+    pad3: f32,
+    texel_scale: [f32; 3],
+    pad4: f32,
+}
+
+impl FrameUniform {
+    /// Of a picture of `image_size` pixels. Origins lie on a near plane at the front of the object's bounding
+    /// sphere, found in f64: from there on f32 only has to resolve the object, however far the eye is.
+    pub fn new(camera: &Camera, grid: &Grid, quality: &Quality, image_size: [u32; 2]) -> Self {
+        let (low, high) = grid.index_box();
+        let center = grid.world_from_index().transform_point3(0.5 * (low + high));
+        let radius =
+            grid.box_corners_mm(low, high).iter().map(|corner| corner.distance(center)).fold(0.0, f64::max);
+        let front = (center - camera.eye_mm).dot(camera.forward) - radius;
+        let half = camera.half_height();
+        let to_index = |v: DVec3| grid.index_from_world().transform_vector3(v).as_vec3().to_array();
+        let (near_depth, plane, spread) = match camera.projection {
+            Projection::Perspective { .. } => (front.max(0.0), half * front.max(0.0), half),
+            Projection::Orthographic { .. } => (front, half, 0.0),
+        };
+        let near_center = camera.eye_mm + near_depth * camera.forward;
+        let (footprint, growth) = camera.pixel_footprint_mm(image_size[1]);
+        let voxel = grid.spacing_mm().min_element();
+        Self {
+            near_origin: grid.index_from_world().transform_point3(near_center).as_vec3().to_array(),
+            step_voxels: quality.step_voxels as f32,
+            near_dx: to_index(plane * camera.right),
+            termination: quality.termination as f32,
+            near_dy: to_index(plane * camera.up),
+            near_depth: near_depth as f32,
+            forward: camera.forward.as_vec3().to_array(),
+            footprint: (footprint / voxel) as f32,
+            forward_dx: (spread * camera.right).as_vec3().to_array(),
+            footprint_growth: (growth / voxel) as f32,
+            forward_dy: (spread * camera.up).as_vec3().to_array(),
+            pad0: 0.0,
+            right: camera.right.as_vec3().to_array(),
+            pad1: 0.0,
+            up: camera.up.as_vec3().to_array(),
+            pad2: 0.0,
+            image_size,
+            tile_origin: [0, 0],
+        }
+    }
+
+    /// The same frame for the tile whose first pixel is `tile_origin`.
+    #[must_use]
+    pub fn for_tile(mut self, tile_origin: [u32; 2]) -> Self {
+        self.tile_origin = tile_origin;
+        self
+    }
+}
+
+/// A transfer function as the GPU reads it: a table over texel values.
+#[derive(Debug)]
+pub struct TransferTable {
+    /// (α_u, node coordinate) per entry.
+    pub entries: Vec<[f32; 2]>,
+    /// Texel value of entry 0.
+    pub first: f64,
+    /// Entries per texel unit (negative where a negative rescale slope turns the order around).
+    pub scale: f64,
+    /// Number of entries before each one (and in all) that show something.
+    visible_before: Vec<u32>,
+}
+
+impl TransferTable {
+    /// Tabulates over the nodes' values and one entry beyond on both sides, so that jumps at the outermost nodes
+    /// keep both of their sides.
+    pub fn new(function: &StyleTransferFunction, rescale: Rescale, encoding: Encoding, span: f64) -> Self {
+        let (low, high) = (function.nodes[0].value, function.nodes[function.nodes.len() - 1].value);
+        let inner = TABLE_SIZE - 3;
+        // Nodes at one single value are a step: its two sides are a ten-thousandth of the data's range apart.
+        let cell = if high > low { (high - low) / inner as f64 } else { (1e-4 * span / inner as f64).max(1e-300) };
+        let start = if high > low { low - cell } else { low - cell * (TABLE_SIZE / 2) as f64 };
+        let entries: Vec<[f32; 2]> = (0..TABLE_SIZE)
+            .map(|i| {
+                let c = function.classify(if i + 2 == TABLE_SIZE && high > low { high } else { start + i as f64 * cell });
+                [c.opacity as f32, c.node as f32]
+            })
+            .collect();
+        let mut visible_before = Vec::with_capacity(TABLE_SIZE + 1);
+        let mut count = 0;
+        visible_before.push(0);
+        for entry in &entries {
+            count += u32::from(entry[0] > 0.0);
+            visible_before.push(count);
+        }
+        let texel = |value: f64| encoding.texel((value - rescale.intercept) / rescale.slope);
+        let texels_per_value = encoding.scale / rescale.slope;
+        Self { entries, first: texel(start), scale: 1.0 / (cell * texels_per_value), visible_before }
+    }
+
+    /// Whether any texel value in `low..=high` may show something, rounding of the GPU's look-up included.
+    pub fn shows(&self, low: f64, high: f64) -> bool {
+        let position = |texel: f64| (texel - self.first) * self.scale;
+        let (a, b) = (position(low), position(high));
+        let last = (TABLE_SIZE - 1) as f64;
+        // One entry of slack on both sides for f32 rounding of texel and position.
+        let from = (a.min(b) - 1.0).floor().clamp(0.0, last) as usize;
+        let to = (a.max(b) + 1.0).ceil().clamp(0.0, last) as usize;
+        self.visible_before[to + 1] > self.visible_before[from]
+    }
+}
+
+/// An object ready to be drawn.
+#[derive(Debug)]
+pub struct RaycastObject {
+    /// Which pipeline draws it.
+    pub key: RaycastKey,
+    bind_group: wgpu::BindGroup,
+    grid: Grid,
+}
+
+#[derive(Debug)]
+struct Pipeline {
+    pipeline: wgpu::RenderPipeline,
+    object_layout: wgpu::BindGroupLayout,
+}
+
+/// The pass with its pipelines and caches.
+#[derive(Debug)]
+pub struct RaycastPass {
+    frame_layout: wgpu::BindGroupLayout,
+    frame_buffer: wgpu::Buffer,
+    frame_group: wgpu::BindGroup,
+    pipelines: HashMap<RaycastKey, Pipeline>,
+    styles: Option<(Vec<Arc<StyleImage>>, wgpu::TextureView)>,
+}
+
+impl RaycastPass {
+    /// A pass without pipelines; they are made when a scene first needs them.
+    pub fn new(context: &GpuContext) -> Self {
+        let device = &context.device;
+        let frame_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("frame"),
+            entries: &[entry(0, uniform_binding())],
+        });
+        let frame_buffer = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("frame"),
+            size: size_of::<FrameUniform>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let frame_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("frame"),
+            layout: &frame_layout,
+            entries: &[wgpu::BindGroupEntry { binding: 0, resource: frame_buffer.as_entire_binding() }],
+        });
+        Self { frame_layout, frame_buffer, frame_group, pipelines: HashMap::new(), styles: None }
+    }
+
+    /// Binds an object of the scene: its volume, table, skip map and styles. `skip_empty` = false leaves the skip
+    /// map out of the march (every brick counts as occupied): for tests and measurements.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] where the adapter refuses the shader or a resource.
+    pub fn prepare(
+        &mut self,
+        context: &GpuContext,
+        scene: &Scene,
+        object: &Object,
+        resident: &ResidentVolume,
+        skip_empty: bool,
+    ) -> Result<RaycastObject> {
+        let key = RaycastKey { filtered: resident.filtered, no_data: resident.validity.is_some() };
+        let device = &context.device;
+        let volume = &object.volume;
+        let grid = volume.grid;
+        let stored = resident.bricks.range();
+        let span = ((stored.1 - stored.0) * volume.rescale.slope).abs();
+        let table = TransferTable::new(&object.transfer_function, volume.rescale, resident.encoding, span);
+        let distances = if skip_empty {
+            let texel = |stored| resident.encoding.texel(stored);
+            resident.bricks.distances(|low, high| table.shows(texel(low), texel(high)))
+        } else {
+            vec![0; resident.bricks.ranges.len()]
+        };
+
+        let uniform = object_uniform(object, resident, &table);
+        let uniform = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some("object"),
+            contents: bytemuck::bytes_of(&uniform),
+            usage: wgpu::BufferUsages::UNIFORM,
+        });
+        let skip_map = small_texture(
+            context,
+            "skip map",
+            extent(resident.bricks.dims),
+            wgpu::TextureDimension::D3,
+            wgpu::TextureFormat::R8Uint,
+            &distances,
+        );
+        let table_extent = extent([TABLE_SIZE, 1, 1]);
+        let transfer_function = small_texture(
+            context,
+            "transfer function",
+            table_extent,
+            wgpu::TextureDimension::D2,
+            wgpu::TextureFormat::Rg32Float,
+            bytemuck::cast_slice(&table.entries),
+        );
+        let layers: Vec<u32> = object.transfer_function.nodes.iter().map(|n| n.style as u32).collect();
+        let node_layers = small_texture(
+            context,
+            "node layers",
+            extent([layers.len(), 1, 1]),
+            wgpu::TextureDimension::D2,
+            wgpu::TextureFormat::R32Uint,
+            bytemuck::cast_slice(&layers),
+        );
+        let styles = self.style_array(context, &scene.styles)?;
+        let filter = if key.filtered { wgpu::FilterMode::Linear } else { wgpu::FilterMode::Nearest };
+        let volume_sampler = device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("volume"),
+            mag_filter: filter,
+            min_filter: filter,
+            ..Default::default()
+        });
+        let style_sampler = device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("style"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            mipmap_filter: wgpu::MipmapFilterMode::Linear,
+            ..Default::default()
+        });
+        let pipeline = self.pipeline(context, key)?;
+        let mut entries = vec![
+            wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
+            texture_entry(1, &resident.values),
+            texture_entry(2, &resident.gradients),
+            wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Sampler(&volume_sampler) },
+            texture_entry(4, &skip_map),
+            texture_entry(5, &transfer_function),
+            texture_entry(6, &node_layers),
+            texture_entry(7, &styles),
+            wgpu::BindGroupEntry { binding: 8, resource: wgpu::BindingResource::Sampler(&style_sampler) },
+        ];
+        entries.extend(resident.validity.as_ref().map(|v| texture_entry(9, v)));
+        let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("object"),
+            layout: &pipeline.object_layout,
+            entries: &entries,
+        });
+        Ok(RaycastObject { key, bind_group, grid })
+    }
+
+    /// The frame uniform for an object, before it is narrowed to a tile.
+    pub fn frame(&self, scene: &Scene, object: &RaycastObject, image_size: [u32; 2]) -> FrameUniform {
+        FrameUniform::new(&scene.camera, &object.grid, &scene.quality, image_size)
+    }
+
+    /// Records the drawing of one tile into the lower-index corner of `target`.
+    pub fn draw(
+        &self,
+        context: &GpuContext,
+        encoder: &mut wgpu::CommandEncoder,
+        object: &RaycastObject,
+        frame: FrameUniform,
+        target: &wgpu::TextureView,
+        size: [u32; 2],
+    ) {
+        context.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&frame));
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("raycast"),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: target,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                    store: wgpu::StoreOp::Store,
+                },
+            })],
+            ..Default::default()
+        });
+        pass.set_pipeline(&self.pipelines[&object.key].pipeline);
+        pass.set_bind_group(0, &self.frame_group, &[]);
+        pass.set_bind_group(1, &object.bind_group, &[]);
+        pass.set_viewport(0.0, 0.0, size[0] as f32, size[1] as f32, 0.0, 1.0);
+        pass.set_scissor_rect(0, 0, size[0], size[1]);
+        pass.draw(0..3, 0..1);
+    }
+
+    fn pipeline(&mut self, context: &GpuContext, key: RaycastKey) -> Result<&Pipeline> {
+        if !self.pipelines.contains_key(&key) {
+            let made = make_pipeline(context, &self.frame_layout, key)?;
+            self.pipelines.insert(key, made);
+        }
+        Ok(&self.pipelines[&key])
+    }
+
+    fn style_array(&mut self, context: &GpuContext, styles: &[Arc<StyleImage>]) -> Result<wgpu::TextureView> {
+        if let Some((held, view)) = &self.styles
+            && held.len() == styles.len()
+            && held.iter().zip(styles).all(|(a, b)| Arc::ptr_eq(a, b))
+        {
+            return Ok(view.clone());
+        }
+        let view = upload_styles(context, styles)?;
+        self.styles = Some((styles.to_vec(), view.clone()));
+        Ok(view)
+    }
+}
+
+fn object_uniform(object: &Object, resident: &ResidentVolume, table: &TransferTable) -> ObjectUniform {
+    let grid = &object.volume.grid;
+    let column = |v: DVec3| v.as_vec3().to_array();
+    let to_index = grid.index_from_world().matrix3;
+    // Central difference over two voxels → texels per voxel → data units per voxel → per mm → share of G.
+    let per_texel = 0.5 * object.volume.rescale.slope / (resident.gradient_encoding.scale * resident.gradient_max);
+    let gradient = grid.world_gradient_from_index() * per_texel;
+    let dims = DVec3::from_array(grid.dims().map(|n| n as f64));
+    ObjectUniform {
+        index_from_world_x: column(to_index.x_axis),
+        reference_length: object.transfer_function.reference_length_mm as f32,
+        index_from_world_y: column(to_index.y_axis),
+        transfer_first: table.first as f32,
+        index_from_world_z: column(to_index.z_axis),
+        transfer_scale: table.scale as f32,
+        world_from_gradient_x: column(gradient.x_axis),
+        pad0: 0.0,
+        world_from_gradient_y: column(gradient.y_axis),
+        pad1: 0.0,
+        world_from_gradient_z: column(gradient.z_axis),
+        pad2: 0.0,
+        box_max: column(dims - 0.5),
+        pad3: 0.0,
+        texel_scale: column(dims.recip()),
+        pad4: 0.0,
+    }
+}
+
+fn make_pipeline(context: &GpuContext, frame_layout: &wgpu::BindGroupLayout, key: RaycastKey) -> Result<Pipeline> {
+    let text = key.wgsl().map_err(|e| Error::gpu(e, "report this fault of the program"))?;
+    let remedy = "update its driver or choose another adapter (--adapter software)";
+    context.checked(&format!("the shader \"{key}\""), remedy, |device| {
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some("raycast"),
+            source: wgpu::ShaderSource::Wgsl(text.into()),
+        });
+        let volume = texture_binding(wgpu::TextureSampleType::Float { filterable: key.filtered }, VIEW_3D);
+        let volume_sampler = wgpu::BindingType::Sampler(if key.filtered {
+            wgpu::SamplerBindingType::Filtering
+        } else {
+            wgpu::SamplerBindingType::NonFiltering
+        });
+        let unfiltered = wgpu::TextureSampleType::Float { filterable: false };
+        let mut entries = vec![
+            entry(0, uniform_binding()),
+            entry(1, volume),
+            entry(2, volume),
+            entry(3, volume_sampler),
+            entry(4, texture_binding(wgpu::TextureSampleType::Uint, VIEW_3D)),
+            entry(5, texture_binding(unfiltered, wgpu::TextureViewDimension::D2)),
+            entry(6, texture_binding(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)),
+            entry(
+                7,
+                texture_binding(
+                    wgpu::TextureSampleType::Float { filterable: true },
+                    wgpu::TextureViewDimension::D2Array,
+                ),
+            ),
+            entry(8, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+        ];
+        if key.no_data {
+            entries.push(entry(9, volume));
+        }
+        let object_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("object"),
+            entries: &entries,
+        });
+        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("raycast"),
+            bind_group_layouts: &[Some(frame_layout), Some(&object_layout)],
+            immediate_size: 0,
+        });
+        let pipeline = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some("raycast"),
+            layout: Some(&layout),
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some("vs_raycast"),
+                compilation_options: Default::default(),
+                buffers: &[],
+            },
+            primitive: Default::default(),
+            depth_stencil: None,
+            multisample: Default::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: Some("fs_raycast"),
+                compilation_options: Default::default(),
+                targets: &[Some(TARGET_FORMAT.into())],
+            }),
+            multiview_mask: None,
+            cache: None,
+        });
+        Pipeline { pipeline, object_layout }
+    })
+}
+
+const VIEW_3D: wgpu::TextureViewDimension = wgpu::TextureViewDimension::D3;
+
+fn entry(binding: u32, ty: wgpu::BindingType) -> wgpu::BindGroupLayoutEntry {
+    wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::FRAGMENT, ty, count: None }
+}
+
+fn uniform_binding() -> wgpu::BindingType {
+    wgpu::BindingType::Buffer {
+        ty: wgpu::BufferBindingType::Uniform,
+        has_dynamic_offset: false,
+        min_binding_size: None,
+    }
+}
+
+fn texture_binding(
+    sample_type: wgpu::TextureSampleType,
+    view_dimension: wgpu::TextureViewDimension,
+) -> wgpu::BindingType {
+    wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false }
+}
+
+fn texture_entry(binding: u32, view: &wgpu::TextureView) -> wgpu::BindGroupEntry<'_> {
+    wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) }
+}
+
+fn small_texture(
+    context: &GpuContext,
+    label: &str,
+    size: wgpu::Extent3d,
+    dimension: wgpu::TextureDimension,
+    format: wgpu::TextureFormat,
+    data: &[u8],
+) -> wgpu::TextureView {
+    let descriptor = wgpu::TextureDescriptor {
+        label: Some(label),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension,
+        format,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    };
+    context
+        .device
+        .create_texture_with_data(&context.queue, &descriptor, wgpu::util::TextureDataOrder::LayerMajor, data)
+        .create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+/// One array layer per style with its own mips, half floats (11 bits where 8-bit sRGB has 8).
+fn upload_styles(context: &GpuContext, styles: &[Arc<StyleImage>]) -> Result<wgpu::TextureView> {
+    let first = styles.first().ok_or_else(|| Error::scene("the scene has no style", "give its nodes a style"))?;
+    if let Some(odd) = styles.iter().find(|s| s.size != first.size || s.mips.len() != first.mips.len()) {
+        return Err(Error::scene(
+            format!("the style \"{}\" is {} pixels wide and others {}", odd.name, odd.size, first.size),
+            "give all styles one size",
+        ));
+    }
+    let limit = context.device.limits().max_texture_array_layers as usize;
+    if styles.len() > limit {
+        return Err(Error::gpu(
+            format!("the scene uses {} styles and the adapter holds {limit}", styles.len()),
+            "use fewer styles",
+        ));
+    }
+    let data: Vec<half::f16> = styles
+        .iter()
+        .flat_map(|s| s.mips.iter().flatten().flat_map(|texel| texel.map(half::f16::from_f32)))
+        .collect();
+    let descriptor = wgpu::TextureDescriptor {
+        label: Some("styles"),
+        size: extent([first.size, first.size, styles.len()]),
+        mip_level_count: first.mips.len() as u32,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba16Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    };
+    let texture = context.device.create_texture_with_data(
+        &context.queue,
+        &descriptor,
+        wgpu::util::TextureDataOrder::LayerMajor,
+        bytemuck::cast_slice(&data),
+    );
+    Ok(texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    }))
+}

@@ -1,0 +1,560 @@
+//! NIfTI-1 and NIfTI-2: `.nii`, `.nii.gz` and the pair `.hdr` + `.img`.
+//!
+//! The header is parsed by hand from one offset table per version. The world comes from the sform, else the
+//! qform, else the voxel sizes; NIfTI's world is RAS already. Standard: nifti1.h and nifti2.h (nifti.nimh.nih.gov).
+
+use std::path::{Path, PathBuf};
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use super::stream::{self, ByteSource, ElementType, Endian, VoxelRequest};
+use super::{Parts, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of};
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::spaces::Grid;
+use crate::volume::{Rescale, Volume};
+
+/// Reads NIfTI-1, NIfTI-2 and NIfTI pairs.
+pub struct NiftiReader;
+
+impl VolumeReader for NiftiReader {
+    fn name(&self) -> &'static str {
+        "NIfTI"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["nii", "hdr", "img"]
+    }
+
+    fn recognizes(&self, _path: &Path, head: &[u8]) -> bool {
+        Layout::find(head).is_some() || is_analyze(head)
+    }
+
+    fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
+        // Of a pair, the voxels may be named as well as the header.
+        let header_path = match sibling(path, "img", "hdr") {
+            Sibling::Is(header) => header,
+            Sibling::Missing(header) => return Err(missing_partner(path, &header)),
+            Sibling::NotOfAPair => path.to_owned(),
+        };
+        let mut source = ByteSource::open(&header_path)?;
+        let head = source.read_up_to(Layout::V2.num_bytes)?;
+        let header = Header::parse(&header_path, &head)?;
+
+        let (data_path, data_start) = if header.is_pair {
+            match sibling(&header_path, "hdr", "img") {
+                Sibling::Is(image) => (image, header.data_start(path, 0)?),
+                Sibling::Missing(image) => return Err(missing_partner(path, &image)),
+                Sibling::NotOfAPair => {
+                    return Err(Error::file(
+                        path,
+                        "the header says that the voxels are in an .img file, but it is not named .hdr",
+                        "rename it to .hdr beside its .img",
+                    ));
+                }
+            }
+        } else {
+            (header_path, header.data_start(path, header.layout.num_bytes as u64)?)
+        };
+        let mut warnings = Vec::new();
+        let shape = header.shape(path, &mut warnings)?;
+        let element = header.element_type(path)?;
+        let world_from_index = header.world_from_index(path, shape.dims, &mut warnings)?;
+        let rescale = header.rescale(&mut warnings);
+        check_frame(path, options.frame, usize::try_from(shape.num_frames).unwrap_or(usize::MAX))?;
+
+        let [x, y, z] = shape.dims;
+        let all = [x, y, z, shape.num_frames];
+        let absurd = || absurd_size(path, &all);
+        let frame_bytes = stream::size_bytes(&shape.dims, element).ok_or_else(absurd)?;
+        let end = stream::size_bytes(&all, element).and_then(|n| n.checked_add(data_start)).ok_or_else(absurd)?;
+        let mut source = ByteSource::open(&data_path)?;
+        source.check_holds(end)?;
+        let grid = grid_of(path, shape.dims, world_from_index)?;
+
+        let frame_start = data_start + options.frame as u64 * frame_bytes;
+        progress.begin("reading", frame_start + frame_bytes);
+        source.skip(frame_start, progress)?;
+        let request = VoxelRequest {
+            element,
+            endian: header.endian,
+            count: grid.num_voxels(),
+            is_size_checked: !source.is_gzip(),
+        };
+        let voxels = stream::read_voxels(&mut source, request, &data_path, progress)?;
+        if options.frame as u64 + 1 == shape.num_frames {
+            source.finish(&mut warnings)?;
+        }
+        Parts {
+            path,
+            grid,
+            voxels,
+            rescale,
+            format: header.format(),
+            num_frames: usize::try_from(shape.num_frames).unwrap_or(usize::MAX),
+            warnings,
+        }
+        .into_volume()
+    }
+}
+
+/// Where the fields of a header version lie, in bytes, and how wide the version's numbers are.
+#[derive(Debug, PartialEq)]
+struct Layout {
+    version: u8,
+    num_bytes: usize,
+    magic: usize,
+    dim: usize,
+    datatype: usize,
+    pixdim: usize,
+    vox_offset: usize,
+    scl_slope: usize,
+    scl_inter: usize,
+    xyzt_units: usize,
+    qform_code: usize,
+    sform_code: usize,
+    quatern: usize,
+    qoffset: usize,
+    srow: usize,
+}
+
+impl Layout {
+    const V1: Self = Self {
+        version: 1,
+        num_bytes: 348,
+        magic: 344,
+        dim: 40,
+        datatype: 70,
+        pixdim: 76,
+        vox_offset: 108,
+        scl_slope: 112,
+        scl_inter: 116,
+        xyzt_units: 123,
+        qform_code: 252,
+        sform_code: 254,
+        quatern: 256,
+        qoffset: 268,
+        srow: 280,
+    };
+    const V2: Self = Self {
+        version: 2,
+        num_bytes: 540,
+        magic: 4,
+        dim: 16,
+        datatype: 12,
+        pixdim: 104,
+        vox_offset: 168,
+        scl_slope: 176,
+        scl_inter: 184,
+        xyzt_units: 500,
+        qform_code: 344,
+        sform_code: 348,
+        quatern: 352,
+        qoffset: 376,
+        srow: 400,
+    };
+
+    /// The version whose magic the bytes carry, and whether it is the magic of a pair.
+    fn find(head: &[u8]) -> Option<(&'static Self, bool)> {
+        for layout in [&Self::V1, &Self::V2] {
+            let digit = b'0' + layout.version;
+            match head.get(layout.magic..layout.magic + 4) {
+                Some([b'n', b'+', d, 0]) if *d == digit => return Some((layout, false)),
+                Some([b'n', b'i', d, 0]) if *d == digit => return Some((layout, true)),
+                _ => {}
+            }
+        }
+        None
+    }
+}
+
+/// Whether the bytes are a header of the format before NIfTI: its size, but no magic.
+fn is_analyze(head: &[u8]) -> bool {
+    let size = head.get(..4).and_then(|b| b.try_into().ok()).map(i32::from_le_bytes);
+    Layout::find(head).is_none() && head.len() >= 348 && size.is_some_and(|s| s == 348 || s.swap_bytes() == 348)
+}
+
+/// The fields that matter, as f64 and i64 whatever the version and byte order.
+#[derive(Debug)]
+struct Header {
+    layout: &'static Layout,
+    is_pair: bool,
+    endian: Endian,
+    dim: [i64; 8],
+    datatype: i64,
+    pixdim: [f64; 8],
+    vox_offset: f64,
+    scl_slope: f64,
+    scl_inter: f64,
+    xyzt_units: i64,
+    qform_code: i64,
+    sform_code: i64,
+    quatern: DVec3,
+    qoffset: DVec3,
+    srow: [[f64; 4]; 3],
+}
+
+/// Numbers out of a header that is known to be long enough.
+struct Fields<'a> {
+    bytes: &'a [u8],
+    endian: Endian,
+    is_wide: bool,
+}
+
+impl Fields<'_> {
+    fn bytes<const N: usize>(&self, at: usize) -> [u8; N] {
+        let mut bytes: [u8; N] = std::array::from_fn(|i| self.bytes.get(at + i).copied().unwrap_or(0));
+        if self.endian == Endian::Big {
+            bytes.reverse();
+        }
+        bytes
+    }
+
+    fn i16(&self, at: usize) -> i64 {
+        i64::from(i16::from_le_bytes(self.bytes(at)))
+    }
+
+    /// A code: 16 bits in version 1, 32 in version 2.
+    fn code(&self, at: usize) -> i64 {
+        if self.is_wide { i64::from(i32::from_le_bytes(self.bytes(at))) } else { self.i16(at) }
+    }
+
+    /// A size: 16 bits in version 1, 64 in version 2; the `i`-th of an array.
+    fn size(&self, at: usize, i: usize) -> i64 {
+        if self.is_wide { i64::from_le_bytes(self.bytes(at + 8 * i)) } else { self.i16(at + 2 * i) }
+    }
+
+    /// A real number: 32 bits in version 1, 64 in version 2; the `i`-th of an array.
+    fn real(&self, at: usize, i: usize) -> f64 {
+        if self.is_wide {
+            f64::from_le_bytes(self.bytes(at + 8 * i))
+        } else {
+            f64::from(f32::from_le_bytes(self.bytes(at + 4 * i)))
+        }
+    }
+
+    fn vector(&self, at: usize) -> DVec3 {
+        DVec3::new(self.real(at, 0), self.real(at, 1), self.real(at, 2))
+    }
+}
+
+/// Size of one frame and how many there are.
+struct Shape {
+    dims: [u64; 3],
+    num_frames: u64,
+}
+
+impl Header {
+    fn parse(path: &Path, head: &[u8]) -> Result<Self> {
+        let Some((layout, is_pair)) = Layout::find(head) else {
+            return Err(if is_analyze(head) {
+                Error::file(
+                    path,
+                    "this is an Analyze 7.5 header without NIfTI's magic, which does not tell left from right",
+                    "convert it to NIfTI with a program that knows how it was made",
+                )
+            } else if head.len() < Layout::V1.num_bytes {
+                Error::file(
+                    path,
+                    format!("the file ends after {} of the 348 bytes of a NIfTI header", head.len()),
+                    "copy or download it again",
+                )
+            } else {
+                Error::file(
+                    path,
+                    "this is no NIfTI file: neither a NIfTI-1 nor a NIfTI-2 header begins it",
+                    "check what the file is; if it holds plain voxels, describe them with --raw",
+                )
+            });
+        };
+        if head.len() < layout.num_bytes {
+            return Err(Error::file(
+                path,
+                format!("the file ends after {} of the {} bytes of its header", head.len(), layout.num_bytes),
+                "copy or download it again",
+            ));
+        }
+        let is_wide = layout.version == 2;
+        let fields = |endian| Fields { bytes: head, endian, is_wide };
+        // The size of the header tells the byte order; writers that leave it out still have 1 to 7 dimensions.
+        let size = |endian| i64::from(i32::from_le_bytes(fields(endian).bytes(0)));
+        let num_dims = |endian| fields(endian).size(layout.dim, 0);
+        let expected = layout.num_bytes as i64;
+        let endian = if size(Endian::Little) == expected {
+            Endian::Little
+        } else if size(Endian::Big) == expected {
+            Endian::Big
+        } else if (1..=7).contains(&num_dims(Endian::Little)) {
+            Endian::Little
+        } else {
+            Endian::Big
+        };
+        let f = fields(endian);
+        Ok(Self {
+            layout,
+            is_pair,
+            endian,
+            dim: std::array::from_fn(|i| f.size(layout.dim, i)),
+            datatype: f.i16(layout.datatype),
+            pixdim: std::array::from_fn(|i| f.real(layout.pixdim, i)),
+            vox_offset: if is_wide { f.size(layout.vox_offset, 0) as f64 } else { f.real(layout.vox_offset, 0) },
+            scl_slope: f.real(layout.scl_slope, 0),
+            scl_inter: f.real(layout.scl_inter, 0),
+            xyzt_units: if is_wide { f.code(layout.xyzt_units) } else { i64::from(head[layout.xyzt_units]) },
+            qform_code: f.code(layout.qform_code),
+            sform_code: f.code(layout.sform_code),
+            quatern: f.vector(layout.quatern),
+            qoffset: f.vector(layout.qoffset),
+            srow: std::array::from_fn(|row| std::array::from_fn(|i| f.real(layout.srow, 4 * row + i))),
+        })
+    }
+
+    fn format(&self) -> &'static str {
+        match (self.layout.version, self.is_pair) {
+            (1, false) => "NIfTI-1",
+            (1, true) => "NIfTI-1 pair",
+            (_, false) => "NIfTI-2",
+            (_, true) => "NIfTI-2 pair",
+        }
+    }
+
+    /// Byte of the first voxel in the data file, not before `min`.
+    fn data_start(&self, path: &Path, min: u64) -> Result<u64> {
+        let offset = self.vox_offset;
+        // Some writers leave the offset of a single file 0 and mean the usual place: header, 4 bytes, voxels.
+        if offset == 0.0 && min > 0 {
+            return Ok(min + 4);
+        }
+        if !(offset >= min as f64 && offset < 9e18 && offset.fract() == 0.0) {
+            return Err(Error::file(
+                path,
+                format!("the header puts the voxels at byte {offset}, where they cannot be"),
+                "correct vox_offset with the program that wrote the file",
+            ));
+        }
+        Ok(offset as u64)
+    }
+
+    fn shape(&self, path: &Path, warnings: &mut Vec<String>) -> Result<Shape> {
+        let num_dims = self.dim[0];
+        if !(1..=7).contains(&num_dims) {
+            return Err(Error::file(
+                path,
+                format!("the header promises {num_dims} dimensions, where NIfTI has 1 to 7"),
+                "the header is damaged: copy or download it again",
+            ));
+        }
+        let mut dims = [1_u64; 7];
+        for (i, n) in dims.iter_mut().enumerate().take(num_dims as usize) {
+            let stored = self.dim[i + 1];
+            // Writers leave 0 for further dimensions that they do not use, but never for x, y, z.
+            *n = if stored == 0 && i > 2 { 1 } else { u64::try_from(stored).unwrap_or(0) };
+            if *n == 0 {
+                return Err(Error::file(
+                    path,
+                    format!("the header gives {stored} voxels for dimension {}", i + 1),
+                    "the header is damaged: copy or download it again",
+                ));
+            }
+        }
+        let [x, y, z, frames @ ..] = dims;
+        let num_frames = frames.iter().try_fold(1_u64, |n, &f| n.checked_mul(f));
+        let num_frames = num_frames.ok_or_else(|| absurd_size(path, &dims))?;
+        let mut dims = [x, y, z];
+        // FreeSurfer's surface values do not fit 16 bits on one axis, so it writes them under these sizes.
+        if dims == [27307, 1, 6] {
+            dims = [163_842, 1, 1];
+            warnings.push("The file holds values of a FreeSurfer surface, a row of vertices, not a volume.".to_owned());
+        }
+        Ok(Shape { dims, num_frames })
+    }
+
+    fn element_type(&self, path: &Path) -> Result<ElementType> {
+        Ok(match self.datatype {
+            2 => ElementType::U8,
+            4 => ElementType::I16,
+            8 => ElementType::I32,
+            16 => ElementType::F32,
+            64 => ElementType::F64,
+            256 => ElementType::I8,
+            512 => ElementType::U16,
+            768 => ElementType::U32,
+            1024 => ElementType::I64,
+            1280 => ElementType::U64,
+            other => {
+                let (name, remedy) = match other {
+                    1 => ("single bits", "convert it to uint8"),
+                    32 => ("complex64 numbers", "save the magnitude as float32"),
+                    128 => ("RGB24 colors", "save one channel or the brightness as uint8"),
+                    1536 => ("128-bit floating-point numbers", "convert it to float64"),
+                    1792 => ("complex128 numbers", "save the magnitude as float64"),
+                    2048 => ("complex256 numbers", "save the magnitude as float64"),
+                    2304 => ("RGBA32 colors", "save one channel or the brightness as uint8"),
+                    _ => ("", "convert it to one of NIfTI's integer or floating-point types"),
+                };
+                let what = if name.is_empty() {
+                    format!("the voxel type {other} is none that NIfTI defines")
+                } else {
+                    format!("the voxels are {name} (NIfTI type {other}), which Fabrica does not render")
+                };
+                return Err(Error::file(path, what, remedy));
+            }
+        })
+    }
+
+    fn rescale(&self, warnings: &mut Vec<String>) -> Rescale {
+        let (slope, intercept) = (self.scl_slope, self.scl_inter);
+        if slope == 0.0 {
+            return Rescale::IDENTITY;
+        }
+        if !(slope.is_finite() && intercept.is_finite()) {
+            warnings.push(format!(
+                "The header rescales values by slope {slope} and intercept {intercept}; the stored numbers are used."
+            ));
+            return Rescale::IDENTITY;
+        }
+        Rescale { slope, intercept }
+    }
+
+    /// Millimeters of the header's unit of length.
+    fn mm_per_unit(&self, warnings: &mut Vec<String>) -> f64 {
+        match self.xyzt_units & 7 {
+            1 => 1000.0,
+            0 | 2 => 1.0,
+            3 => 1e-3,
+            other => {
+                warnings.push(format!("The header's unit of length has the unknown code {other}; mm are assumed."));
+                1.0
+            }
+        }
+    }
+
+    fn world_from_index(&self, path: &Path, dims: [u64; 3], warnings: &mut Vec<String>) -> Result<DAffine3> {
+        let mm = self.mm_per_unit(warnings);
+        let scaled = |a: DAffine3| DAffine3 { matrix3: a.matrix3 * mm, translation: a.translation * mm };
+        let qform = (self.qform_code > 0).then(|| self.qform());
+        if self.sform_code > 0 {
+            let sform = scaled(self.sform());
+            // A code without a matrix (all zeros) happens; the qform is the better word then.
+            if Grid::new([1; 3], sform).is_ok() {
+                if let Some(difference_mm) = qform.and_then(|q| visible_difference_mm(sform, scaled(q?), dims)) {
+                    warnings.push(format!(
+                        "The header places the volume twice, and sform and qform differ by up to {difference_mm:.1} mm; \
+                         the sform is used."
+                    ));
+                }
+                return Ok(sform);
+            }
+            if qform.is_none() {
+                return Err(Error::file(
+                    path,
+                    "the sform matrix of the header is singular or not finite, and there is no qform",
+                    "correct the header with the program that wrote it",
+                ));
+            }
+            warnings.push("The sform matrix of the header is unusable; the qform is used.".to_owned());
+        }
+        let spacing = self.spacing(path, warnings)?;
+        if let Some(qform) = qform {
+            return qform.map(scaled).ok_or_else(|| {
+                Error::file(
+                    path,
+                    "the qform of the header is not finite",
+                    "correct the header with the program that wrote it",
+                )
+            });
+        }
+        // Programs agree on x to the left here, the storage order of Analyze (SPM, FSL, nibabel), but not on more.
+        warnings.push(
+            "The header has neither sform nor qform: x is taken as left, and left and right may be swapped.".to_owned(),
+        );
+        let steps = DVec3::new(-spacing.x, spacing.y, spacing.z);
+        let center = DVec3::from_array(dims.map(|n| (n - 1) as f64 / 2.0)) * steps;
+        Ok(scaled(DAffine3 { matrix3: DMat3::from_diagonal(steps), translation: -center }))
+    }
+
+    fn sform(&self) -> DAffine3 {
+        let row = |i: usize| DVec3::new(self.srow[i][0], self.srow[i][1], self.srow[i][2]);
+        DAffine3 {
+            matrix3: DMat3::from_cols(row(0), row(1), row(2)).transpose(),
+            translation: DVec3::new(self.srow[0][3], self.srow[1][3], self.srow[2][3]),
+        }
+    }
+
+    /// The rotation by a quaternion (its real part is left out of the file), voxel sizes, and z mirrored if
+    /// `pixdim[0]` is negative; `None` if it is not finite.
+    fn qform(&self) -> Option<DAffine3> {
+        let v = self.quatern;
+        let rest = 1.0 - v.length_squared();
+        // Rounding makes the vector of a half turn a little too long: nifti1.h normalizes it and takes 0.
+        let (a, v) = if rest < 1e-7 { (0.0, v.normalize_or_zero()) } else { (rest.sqrt(), v) };
+        let [b, c, d] = v.to_array();
+        let rotation_rows = DMat3::from_cols(
+            DVec3::new(a * a + b * b - c * c - d * d, 2.0 * (b * c - a * d), 2.0 * (b * d + a * c)),
+            DVec3::new(2.0 * (b * c + a * d), a * a + c * c - b * b - d * d, 2.0 * (c * d - a * b)),
+            DVec3::new(2.0 * (b * d - a * c), 2.0 * (c * d + a * b), a * a + d * d - b * b - c * c),
+        );
+        let qfac = if self.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
+        let [x, y, z] = [1, 2, 3].map(|i| if self.pixdim[i] == 0.0 { 1.0 } else { self.pixdim[i].abs() });
+        let steps = DMat3::from_diagonal(DVec3::new(x, y, z * qfac));
+        let qform = DAffine3 { matrix3: rotation_rows.transpose() * steps, translation: self.qoffset };
+        (v.is_finite() && qform.is_finite()).then_some(qform)
+    }
+
+    /// Voxel sizes, where the world hangs on them: 0 becomes 1 and a sign is dropped, as other programs do.
+    fn spacing(&self, path: &Path, warnings: &mut Vec<String>) -> Result<DVec3> {
+        let stored = DVec3::new(self.pixdim[1], self.pixdim[2], self.pixdim[3]);
+        if !stored.is_finite() {
+            return Err(Error::file(
+                path,
+                "the voxel size in the header is not a finite number",
+                "correct pixdim with the program that wrote the file",
+            ));
+        }
+        let spacing = stored.to_array().map(|s| if s == 0.0 { 1.0 } else { s.abs() });
+        let num_dims = usize::try_from(self.dim[0]).unwrap_or(0).min(3);
+        if stored.to_array()[..num_dims].contains(&0.0) {
+            warnings.push("The header gives a voxel size of 0; 1 mm is assumed.".to_owned());
+        }
+        if stored.min_element() < 0.0 {
+            warnings.push("The header gives a negative voxel size; its sign is ignored.".to_owned());
+        }
+        Ok(DVec3::from_array(spacing))
+    }
+}
+
+/// How far the two affines place a corner voxel apart, if that is more than half of the smallest voxel edge.
+fn visible_difference_mm(a: DAffine3, b: DAffine3, dims: [u64; 3]) -> Option<f64> {
+    let last = dims.map(|n| (n - 1) as f64);
+    let corners = (0..8).map(|i| DVec3::from_array(std::array::from_fn(|axis| f64::from(i >> axis & 1) * last[axis])));
+    let difference = corners.map(|c| a.transform_point3(c).distance(b.transform_point3(c))).fold(0.0, f64::max);
+    let m = a.matrix3;
+    let edge = m.x_axis.length().min(m.y_axis.length()).min(m.z_axis.length());
+    (difference > 0.5 * edge).then_some(difference)
+}
+
+enum Sibling {
+    /// The path is not named like this half of a pair.
+    NotOfAPair,
+    /// The other half, which exists.
+    Is(PathBuf),
+    /// The name that the other half should have.
+    Missing(PathBuf),
+}
+
+/// The other half of a pair: `name.hdr` for `name.img`, also with `.gz`.
+fn sibling(path: &Path, own: &str, other: &str) -> Sibling {
+    let is = |p: &Path, e: &str| p.extension().is_some_and(|x| x.eq_ignore_ascii_case(e));
+    let plain = if is(path, "gz") { path.with_extension("") } else { path.to_owned() };
+    if !is(&plain, own) {
+        return Sibling::NotOfAPair;
+    }
+    let expected = plain.with_extension(other);
+    let names = [other.to_owned(), format!("{other}.gz"), other.to_uppercase()];
+    names.iter().map(|e| plain.with_extension(e)).find(|p| p.is_file()).map_or(Sibling::Missing(expected), Sibling::Is)
+}
+
+fn missing_partner(path: &Path, missing: &Path) -> Error {
+    let name = missing.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    Error::file(path, format!("the other half of this pair, {name}, is missing"), "put both files into one folder")
+}

@@ -1,0 +1,537 @@
+//! NRRD: `.nrrd` with the voxels attached, `.nhdr` with the voxels in a file of their own.
+//!
+//! Format: teem.sourceforge.net/nrrd/format.html. A text header of `field: value` lines ends at an empty line.
+//! The patient spaces LPS and LAS become RAS; one axis that is not spatial (time, components) becomes frames.
+
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use super::stream::{self, ByteSource, ElementType, Endian, HexBytes, Pick, PickedBytes, VoxelRequest};
+use super::{Parts, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of};
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::volume::{Rescale, Volume};
+
+/// A header longer than this is none: the longest in the wild are segmentations with hundreds of entries.
+const MAX_HEADER_BYTES: usize = 16 << 20;
+
+/// Reads NRRD with attached and with detached header.
+pub struct NrrdReader;
+
+impl VolumeReader for NrrdReader {
+    fn name(&self) -> &'static str {
+        "NRRD"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["nrrd", "nhdr"]
+    }
+
+    fn recognizes(&self, _path: &Path, head: &[u8]) -> bool {
+        head.starts_with(b"NRRD000")
+    }
+
+    fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
+        let header = Header::read(path)?;
+        let mut warnings = Vec::new();
+        let axes = header.axes(path, &mut warnings)?;
+        let world_from_index = header.world_from_index(path, &axes, &mut warnings)?;
+        let num_frames = usize::try_from(axes.num_frames).unwrap_or(usize::MAX);
+        check_frame(path, options.frame, num_frames)?;
+        let element = header.element_type(path)?;
+        let encoding = header.encoding(path)?;
+        let endian = header.endian(path, element, encoding, &mut warnings)?;
+
+        let size = stream::size_bytes(&axes.sizes, element).ok_or_else(|| absurd_size(path, &axes.sizes))?;
+        let (data_path, data_start) = header.data_place(path, size, encoding)?;
+        let mut source = ByteSource::open_at(&data_path, data_start, encoding == Encoding::Gzip)?;
+        let skipped = if encoding == Encoding::Gzip { header.byte_skip(path)?.unwrap_or(0) } else { 0 };
+        source.check_holds(encoding.min_stored_bytes(size, element).saturating_add(skipped))?;
+        let grid = grid_of(path, axes.dims, world_from_index)?;
+
+        let pick = axes.pick(options.frame as u64, grid.num_voxels());
+        let element_bytes = element.num_bytes() as u64;
+        let request = VoxelRequest { element, endian, count: pick.count, is_size_checked: encoding != Encoding::Gzip };
+        // Text and hexadecimal digits are counted as they are stored.
+        progress.begin("reading", if encoding.is_text() { 0 } else { pick.count as u64 * element_bytes });
+        let is_contiguous = pick.run == pick.count as u64;
+        let voxels = match encoding {
+            Encoding::Raw | Encoding::Gzip => {
+                source.skip(skipped + pick.first * element_bytes, progress)?;
+                if is_contiguous {
+                    stream::read_voxels(&mut source, request, &data_path, progress)?
+                } else {
+                    let mut picked = PickedBytes::new(&mut source, pick, element.num_bytes());
+                    stream::read_voxels(&mut picked, request, &data_path, progress)?
+                }
+            }
+            Encoding::Text => {
+                stream::read_text_voxels(&mut BufReader::new(source), element, pick, &data_path, progress)?
+            }
+            Encoding::Hex => {
+                let mut bytes = HexBytes::new(&mut source);
+                stream::skip_bytes(&mut bytes, pick.first * element_bytes, &data_path)?;
+                let mut picked = PickedBytes::new(bytes, pick, element.num_bytes());
+                stream::read_voxels(&mut picked, request, &data_path, progress)?
+            }
+        };
+        if encoding == Encoding::Gzip && options.frame + 1 == num_frames && is_contiguous {
+            source.finish(&mut warnings)?;
+        }
+        let format = if data_path == path { "NRRD" } else { "NRRD, detached header" };
+        Parts { path, grid, voxels, rescale: Rescale::IDENTITY, format, num_frames, warnings }.into_volume()
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Encoding {
+    Raw,
+    Gzip,
+    Text,
+    Hex,
+}
+
+impl Encoding {
+    fn is_text(self) -> bool {
+        matches!(self, Self::Text | Self::Hex)
+    }
+
+    /// The fewest bytes before decompression that `size` bytes of voxels can take: a digit and a blank for a
+    /// number, two digits for a byte.
+    fn min_stored_bytes(self, size: u64, element: ElementType) -> u64 {
+        match self {
+            Self::Raw | Self::Gzip => size,
+            Self::Text => (size / element.num_bytes() as u64).saturating_mul(2).saturating_sub(1),
+            Self::Hex => size.saturating_mul(2),
+        }
+    }
+}
+
+/// The fields of a header by name (lower case, without blanks: `datafile` and `data file` are one), as text.
+struct Header {
+    fields: Vec<(String, String)>,
+    /// Where attached voxels begin.
+    num_bytes: u64,
+}
+
+/// The spatial axes and the one of the frames.
+#[derive(Debug)]
+struct Axes {
+    /// Elements along every axis of the file, fastest first.
+    sizes: Vec<u64>,
+    /// Which axes of the file are x, y, z.
+    spatial: [usize; 3],
+    dims: [u64; 3],
+    /// Which axis of the file counts frames.
+    frame_axis: Option<usize>,
+    num_frames: u64,
+}
+
+impl Axes {
+    fn pick(&self, frame: u64, count: usize) -> Pick {
+        // The sizes multiply to a number that was checked before.
+        let run = self.frame_axis.map_or(count as u64, |axis| self.sizes[..axis].iter().product());
+        Pick { first: frame * run, run, period: run * self.num_frames, count }
+    }
+}
+
+impl Header {
+    fn read(path: &Path) -> Result<Self> {
+        let mut source = ByteSource::open(path)?;
+        if source.is_gzip() {
+            return Err(Error::file(
+                path,
+                "the whole file is compressed, where NRRD compresses the voxels only",
+                "decompress it with gunzip",
+            ));
+        }
+        let mut bytes = Vec::new();
+        let mut end = None;
+        let mut num_searched = 0_usize;
+        while end.is_none() && bytes.len() < MAX_HEADER_BYTES {
+            let more = source.read_up_to(64 << 10)?;
+            if more.is_empty() {
+                break;
+            }
+            bytes.extend_from_slice(&more);
+            end = header_end(&bytes, num_searched.saturating_sub(3));
+            num_searched = bytes.len();
+        }
+        if !bytes.starts_with(b"NRRD000") {
+            return Err(Error::file(
+                path,
+                "this is no NRRD file: it does not begin with NRRD000",
+                "check what the file is; if it holds plain voxels, describe them with --raw",
+            ));
+        }
+        if end.is_none() && bytes.len() >= MAX_HEADER_BYTES {
+            return Err(Error::file(path, "its header has no end", "copy or download it again"));
+        }
+        // A detached header may do without the empty line.
+        let (text_end, num_bytes) = end.unwrap_or((bytes.len(), bytes.len()));
+        let text = String::from_utf8_lossy(&bytes[..text_end]);
+        let mut fields = Vec::new();
+        for line in text.lines().skip(1).map(str::trim) {
+            if line.is_empty() || line.starts_with('#') {
+                continue;
+            }
+            let Some((name, value)) = line.split_once(':') else {
+                let shown: String = line.chars().take(40).collect();
+                return Err(Error::file(
+                    path,
+                    format!("the header line `{shown}` is no field"),
+                    "write it as `field: value`, or end the header with an empty line",
+                ));
+            };
+            // `key:=value` is the user's own.
+            if value.starts_with('=') {
+                continue;
+            }
+            let name: String = name.to_lowercase().split_whitespace().collect();
+            let value = value.trim().to_owned();
+            // A list of files goes on to the end of the header in lines that are no fields.
+            let is_list = name == "datafile" && value.to_uppercase().starts_with("LIST");
+            fields.push((name, value));
+            if is_list {
+                break;
+            }
+        }
+        Ok(Self { fields, num_bytes: num_bytes as u64 })
+    }
+
+    fn get(&self, name: &str) -> Option<&str> {
+        self.fields.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str())
+    }
+
+    fn require(&self, path: &Path, name: &str) -> Result<&str> {
+        self.get(name).ok_or_else(|| fault(path, format!("the header has no field `{name}`")))
+    }
+
+    fn element_type(&self, path: &Path) -> Result<ElementType> {
+        let name = self.require(path, "type")?;
+        let words: Vec<_> = name.split_whitespace().map(str::to_lowercase).collect();
+        Ok(match words.join(" ").as_str() {
+            "signed char" | "int8" | "int8_t" => ElementType::I8,
+            "uchar" | "unsigned char" | "uint8" | "uint8_t" => ElementType::U8,
+            "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => ElementType::I16,
+            "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => ElementType::U16,
+            "int" | "signed int" | "int32" | "int32_t" => ElementType::I32,
+            "uint" | "unsigned int" | "uint32" | "uint32_t" => ElementType::U32,
+            "longlong"
+            | "long long"
+            | "long long int"
+            | "signed long long"
+            | "signed long long int"
+            | "int64"
+            | "int64_t" => ElementType::I64,
+            "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => ElementType::U64,
+            "float" => ElementType::F32,
+            "double" => ElementType::F64,
+            // `char` has a sign on some machines only; the format leaves it out on purpose.
+            _ => return Err(fault(path, format!("the voxel type `{name}` is none that Fabrica reads"))),
+        })
+    }
+
+    fn encoding(&self, path: &Path) -> Result<Encoding> {
+        let name = self.require(path, "encoding")?.to_lowercase();
+        Ok(match name.as_str() {
+            "raw" => Encoding::Raw,
+            "gzip" | "gz" => Encoding::Gzip,
+            "txt" | "text" | "ascii" => Encoding::Text,
+            "hex" => Encoding::Hex,
+            "bzip2" | "bz2" => {
+                return Err(Error::file(
+                    path,
+                    "the voxels are compressed with bzip2, which Fabrica does not read",
+                    "save it with gzip encoding (unu save -f nrrd -e gzip)",
+                ));
+            }
+            _ => return Err(fault(path, format!("the encoding `{name}` is none that Fabrica reads"))),
+        })
+    }
+
+    fn endian(
+        &self,
+        path: &Path,
+        element: ElementType,
+        encoding: Encoding,
+        warnings: &mut Vec<String>,
+    ) -> Result<Endian> {
+        match self.get("endian").map(str::to_lowercase).as_deref() {
+            Some("little") => Ok(Endian::Little),
+            Some("big") => Ok(Endian::Big),
+            Some(other) => Err(fault(path, format!("the byte order `{other}` is neither little nor big"))),
+            None => {
+                if element.num_bytes() > 1 && encoding != Encoding::Text {
+                    warnings.push("The header does not give the byte order; little endian is assumed.".to_owned());
+                }
+                Ok(Endian::Little)
+            }
+        }
+    }
+
+    fn axes(&self, path: &Path, warnings: &mut Vec<String>) -> Result<Axes> {
+        let num_axes: usize = self.require(path, "dimension")?.parse().unwrap_or(0);
+        if !(3..=4).contains(&num_axes) {
+            let given = self.get("dimension").unwrap_or_default();
+            return Err(Error::file(
+                path,
+                format!("the data have dimension {given}, where a volume has 3, or 4 with frames"),
+                "slice or join it into a volume (unu slice, unu join)",
+            ));
+        }
+        let text = self.require(path, "sizes")?;
+        let sizes: Option<Vec<u64>> = text.split_whitespace().map(|w| w.parse().ok().filter(|&n| n > 0)).collect();
+        let sizes = sizes
+            .filter(|s| s.len() == num_axes)
+            .ok_or_else(|| fault(path, format!("the sizes `{text}` are not {num_axes} numbers of voxels")))?;
+        let frame_axis = self.frame_axis(path, num_axes, warnings)?;
+        let mut spatial = (0..num_axes).filter(|&axis| Some(axis) != frame_axis);
+        let spatial = [(); 3].map(|()| spatial.next().unwrap_or(0));
+        Ok(Axes {
+            dims: spatial.map(|axis| sizes[axis]),
+            num_frames: frame_axis.map_or(1, |axis| sizes[axis]),
+            sizes,
+            spatial,
+            frame_axis,
+        })
+    }
+
+    /// The one axis of four that is not spatial: that without a direction, else by its kind, else the last.
+    fn frame_axis(&self, path: &Path, num_axes: usize, warnings: &mut Vec<String>) -> Result<Option<usize>> {
+        let directions = self.directions(path, num_axes)?;
+        let kinds: Vec<_> = self.get("kinds").unwrap_or_default().split_whitespace().map(str::to_lowercase).collect();
+        let is_domain = |kind: &String| matches!(kind.as_str(), "domain" | "space" | "???" | "none");
+        let by_kind: Vec<_> =
+            if kinds.len() == num_axes { (0..num_axes).filter(|&i| !is_domain(&kinds[i])).collect() } else { vec![] };
+        let others = match &directions {
+            // Of the time forms of a space, the time axis has a direction that leaves the three of space.
+            Some(d) => (0..num_axes)
+                .filter(|&i| d[i].as_ref().is_none_or(|v| v.len() == 4 && v[..3].iter().all(|&c| c == 0.0)))
+                .collect(),
+            None => by_kind.clone(),
+        };
+        match (num_axes, &others[..]) {
+            (3, []) => Ok(None),
+            (4, &[axis]) => {
+                if by_kind == [axis] && kinds[axis].contains("color") {
+                    warnings.push("The voxels are colors; the frames are their channels.".to_owned());
+                }
+                Ok(Some(axis))
+            }
+            (4, []) if directions.is_none() => {
+                warnings.push("The header does not say which axis counts frames; the last one is taken.".to_owned());
+                Ok(Some(3))
+            }
+            _ => Err(Error::file(
+                path,
+                format!("{} of its {num_axes} axes are spatial, where a volume has 3", num_axes - others.len()),
+                "slice or join it into a volume (unu slice, unu join)",
+            )),
+        }
+    }
+
+    /// `space directions` per axis of the file; `None` for an axis without one. `None` without the field.
+    fn directions(&self, path: &Path, num_axes: usize) -> Result<Option<Vec<Option<Vec<f64>>>>> {
+        let Some(text) = self.get("spacedirections") else { return Ok(None) };
+        let broken = || fault(path, format!("the space directions `{text}` are not {num_axes} vectors or `none`"));
+        let mut directions = Vec::new();
+        let mut rest = text.trim();
+        while !rest.is_empty() {
+            if let Some(after) = rest.strip_prefix("none") {
+                directions.push(None);
+                rest = after.trim_start();
+            } else {
+                let end = rest.find(')').ok_or_else(broken)?;
+                let vector = parse_vector(&rest[..=end]).ok_or_else(broken)?;
+                // Old writers give an axis without direction a vector of NaN.
+                directions.push((!vector.iter().all(|c| c.is_nan())).then_some(vector));
+                rest = rest[end + 1..].trim_start();
+            }
+        }
+        if directions.len() != num_axes {
+            return Err(broken());
+        }
+        Ok(Some(directions))
+    }
+
+    /// The affine to RAS mm.
+    fn world_from_index(&self, path: &Path, axes: &Axes, warnings: &mut Vec<String>) -> Result<DAffine3> {
+        let ras_from_space = self.ras_from_space(path, warnings)?;
+        let broken = |name: &str, text: &str| fault(path, format!("the {name} `{text}` is not a vector of numbers"));
+        let mm = self.mm_per_unit("spaceunits", &[0, 1, 2], warnings);
+        let origin = match self.get("spaceorigin") {
+            Some(text) => {
+                let v = parse_vector(text).ok_or_else(|| broken("space origin", text))?;
+                let [x, y, z, ..] = v[..] else { return Err(broken("space origin", text)) };
+                DVec3::new(x, y, z)
+            }
+            None => DVec3::ZERO,
+        };
+        let matrix = if let Some(directions) = self.directions(path, axes.sizes.len())? {
+            let mut columns = [DVec3::ZERO; 3];
+            for (column, &axis) in columns.iter_mut().zip(&axes.spatial) {
+                let Some([x, y, z, ..]) = directions[axis].as_deref() else {
+                    return Err(fault(path, "the space directions have fewer than 3 components".to_owned()));
+                };
+                *column = DVec3::new(*x, *y, *z);
+            }
+            DMat3::from_diagonal(mm) * DMat3::from_cols(columns[0], columns[1], columns[2])
+        } else {
+            let units = self.mm_per_unit("units", &axes.spatial, warnings);
+            DMat3::from_diagonal(self.spacings(path, axes, warnings)? * units)
+        };
+        Ok(DAffine3 { matrix3: ras_from_space * matrix, translation: ras_from_space * (mm * origin) })
+    }
+
+    fn ras_from_space(&self, path: &Path, warnings: &mut Vec<String>) -> Result<DMat3> {
+        const ASSUMED: &str = "left and right may be swapped";
+        let mirror = |x, y| Ok(DMat3::from_diagonal(DVec3::new(x, y, 1.0)));
+        let Some(name) = self.get("space") else {
+            if self.get("spacedimension").is_some_and(|n| n != "3" && n != "4") {
+                return Err(fault(path, "the space of the volume has not 3 dimensions".to_owned()));
+            }
+            warnings.push(format!("The header does not name its space; RAS is assumed, so {ASSUMED}."));
+            return mirror(1.0, 1.0);
+        };
+        let lower = name.to_lowercase();
+        // A further time axis changes nothing in space.
+        let spatial = lower.strip_suffix("-time").unwrap_or(&lower);
+        match spatial {
+            "ras" | "rast" | "right-anterior-superior" => mirror(1.0, 1.0),
+            "las" | "last" | "left-anterior-superior" => mirror(-1.0, 1.0),
+            "lps" | "lpst" | "left-posterior-superior" => mirror(-1.0, -1.0),
+            "scanner-xyz" | "3d-right-handed" => {
+                warnings
+                    .push(format!("The space `{name}` does not tell left from right; RAS is assumed, so {ASSUMED}."));
+                mirror(1.0, 1.0)
+            }
+            // Of the two handednesses that of the object is known: LAS keeps it, RAS would mirror it.
+            "3d-left-handed" => {
+                warnings
+                    .push(format!("The space `{name}` does not tell left from right; LAS is assumed, so {ASSUMED}."));
+                mirror(-1.0, 1.0)
+            }
+            _ => Err(fault(path, format!("the space `{name}` is none of RAS, LAS and LPS"))),
+        }
+    }
+
+    /// Spacing of the spatial axes in the header's unit, 1 where it is not given.
+    fn spacings(&self, path: &Path, axes: &Axes, warnings: &mut Vec<String>) -> Result<DVec3> {
+        let Some(text) = self.get("spacings") else {
+            warnings.push("The header does not give the voxel size; 1 mm is assumed.".to_owned());
+            return Ok(DVec3::ONE);
+        };
+        let spacings: Option<Vec<f64>> = text.split_whitespace().map(|w| w.parse().ok()).collect();
+        let spacings = spacings
+            .filter(|s| s.len() == axes.sizes.len())
+            .ok_or_else(|| fault(path, format!("the spacings `{text}` are not one number per axis")))?;
+        let spacing = axes.spatial.map(|axis| spacings[axis]);
+        // NaN is how NRRD writes "not known".
+        if spacing.iter().any(|s| s.is_nan() || *s == 0.0) {
+            warnings.push("The header gives no voxel size for an axis; 1 mm is assumed.".to_owned());
+        }
+        Ok(DVec3::from_array(spacing.map(|s| if s.is_nan() || s == 0.0 { 1.0 } else { s })))
+    }
+
+    /// Millimeters per unit of the quoted names in a field, for the entries `which`.
+    fn mm_per_unit(&self, name: &str, which: &[usize; 3], warnings: &mut Vec<String>) -> DVec3 {
+        let names: Vec<_> = self.get(name).unwrap_or_default().split('"').skip(1).step_by(2).collect();
+        let factors = which.map(|i| match names.get(i).map(|u| u.trim().to_lowercase()).as_deref() {
+            None | Some("mm" | "millimeter" | "millimeters" | "millimetre" | "") => 1.0,
+            Some("m" | "meter" | "meters" | "metre") => 1000.0,
+            Some("cm" | "centimeter" | "centimeters") => 10.0,
+            Some("um" | "µm" | "μm" | "micron" | "microns" | "micrometer" | "micrometers") => 1e-3,
+            Some("nm" | "nanometer" | "nanometers") => 1e-6,
+            Some(other) => {
+                warnings.push(format!("The unit of length `{other}` is not known; mm are assumed."));
+                1.0
+            }
+        });
+        DVec3::from_array(factors)
+    }
+
+    fn line_skip(&self, path: &Path) -> Result<u64> {
+        let Some(text) = self.get("lineskip") else { return Ok(0) };
+        text.parse().map_err(|_| fault(path, format!("the line skip `{text}` is no number of lines")))
+    }
+
+    /// Bytes before the voxels (inside the compressed data if there are any); `None` for -1, "from the end".
+    fn byte_skip(&self, path: &Path) -> Result<Option<u64>> {
+        match self.get("byteskip") {
+            None => Ok(Some(0)),
+            Some("-1") => Ok(None),
+            Some(text) => {
+                let n = text.parse().ok().filter(|&n: &u64| n < 1 << 62);
+                n.map(Some).ok_or_else(|| fault(path, format!("the byte skip `{text}` is no number of bytes")))
+            }
+        }
+    }
+
+    /// The file with the voxels and the byte at which they, or the compressed data, begin.
+    fn data_place(&self, path: &Path, size: u64, encoding: Encoding) -> Result<(PathBuf, u64)> {
+        let (data_path, mut start) = match self.get("datafile") {
+            None => (path.to_owned(), self.num_bytes),
+            Some(name) if name.to_uppercase().starts_with("LIST") || name.contains('%') => {
+                return Err(Error::file(
+                    path,
+                    "its voxels are spread over several files, which Fabrica does not read",
+                    "join them into one file (unu save -f nrrd)",
+                ));
+            }
+            Some(name) => {
+                let data_path = path.parent().unwrap_or(Path::new("")).join(name);
+                if !data_path.is_file() {
+                    return Err(Error::file(
+                        path,
+                        format!("the file with its voxels, {name}, is missing"),
+                        "put it beside the header",
+                    ));
+                }
+                (data_path, 0)
+            }
+        };
+        let length = std::fs::metadata(&data_path).map_err(|e| Error::io(&data_path, &e))?.len();
+        let byte_skip = self.byte_skip(path)?;
+        if byte_skip.is_none() {
+            if encoding != Encoding::Raw {
+                return Err(fault(path, "byte skip -1 has a meaning for raw encoding only".to_owned()));
+            }
+            if size > length {
+                return Err(Error::file(
+                    &data_path,
+                    format!("the header promises {size} bytes of voxels, but the file has {length}"),
+                    "copy or download it again",
+                ));
+            }
+            return Ok((data_path, length - size));
+        }
+        start = stream::skip_lines(&data_path, start, self.line_skip(path)?)?;
+        if encoding != Encoding::Gzip {
+            start = start.saturating_add(byte_skip.unwrap_or(0));
+        }
+        Ok((data_path, start))
+    }
+}
+
+/// Where the header's text ends and where the voxels after its empty line begin; `from` was searched before.
+fn header_end(bytes: &[u8], from: usize) -> Option<(usize, usize)> {
+    (from..bytes.len()).find_map(|i| match &bytes[i..] {
+        [b'\n', b'\n', ..] => Some((i, i + 2)),
+        [b'\n', b'\r', b'\n', ..] => Some((i, i + 3)),
+        _ => None,
+    })
+}
+
+/// `(1, 2.5, -3e1)` as numbers, of which there are at most 4.
+fn parse_vector(text: &str) -> Option<Vec<f64>> {
+    let inner = text.trim().strip_prefix('(')?.strip_suffix(')')?;
+    let numbers: Option<Vec<f64>> = inner.split(',').map(|w| w.trim().parse().ok()).collect();
+    numbers.filter(|n| n.len() <= 4)
+}
+
+fn fault(path: &Path, what: String) -> Error {
+    Error::file(path, what, "correct the header with the program that wrote it")
+}

@@ -1,0 +1,293 @@
+//! From a scene to pixels: tiles on the adapter, bands of rows to whoever wants them, so that a picture of any size
+//! needs the memory of a band. Tiled equals untiled bit for bit: a tile knows its place in the whole picture.
+
+use crate::error::{Error, Result};
+use crate::gpu::context::GpuContext;
+use crate::gpu::upload::ResidentVolumes;
+use crate::pass::raycast::{RaycastObject, RaycastPass, TARGET_FORMAT};
+use crate::progress::Progress;
+use crate::scene::{Background, Scene};
+
+/// A picture in memory: premultiplied linear RGBA, row 0 = top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FloatImage {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// `width × height` pixels.
+    pub pixels: Vec<[f32; 4]>,
+}
+
+/// How a picture is put together; the pixels do not depend on it.
+#[derive(Clone, Copy, Debug)]
+pub struct RenderOptions {
+    /// Largest edge of a tile in pixels. Tiles are what progress, cancellation and a driver's patience count.
+    pub tile: u32,
+    /// Leap over empty bricks; off only in tests and measurements.
+    pub skip_empty: bool,
+}
+
+impl Default for RenderOptions {
+    fn default() -> Self {
+        Self { tile: 256, skip_empty: true }
+    }
+}
+
+/// What a render did, for whoever wants to know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RenderReport {
+    /// The pipeline key, empty for a scene without objects.
+    pub pipeline: String,
+    /// Sentences for the user (voxels without data).
+    pub warnings: Vec<String>,
+}
+
+/// The largest edge of a picture.
+pub const MAX_IMAGE_EDGE: u32 = 65_535;
+
+/// Renders scenes on one adapter; keeps volumes, styles and pipelines between pictures.
+#[derive(Debug)]
+pub struct Renderer {
+    context: GpuContext,
+    volumes: ResidentVolumes,
+    raycast: RaycastPass,
+}
+
+struct TileSlot {
+    target: wgpu::Texture,
+    view: wgpu::TextureView,
+    buffer: wgpu::Buffer,
+    pending: Option<Pending>,
+}
+
+struct Pending {
+    x: u32,
+    size: [u32; 2],
+    mapped: std::sync::mpsc::Receiver<std::result::Result<(), wgpu::BufferAsyncError>>,
+}
+
+const BYTES_PER_PIXEL: u32 = 16;
+
+impl Renderer {
+    /// A renderer on an open adapter.
+    pub fn new(context: GpuContext) -> Self {
+        let raycast = RaycastPass::new(&context);
+        Self { context, volumes: ResidentVolumes::default(), raycast }
+    }
+
+    /// The adapter that it draws with.
+    pub fn context(&self) -> &GpuContext {
+        &self.context
+    }
+
+    /// Draws the scene into `width × height` pixels and hands them over in bands of whole rows from top to bottom:
+    /// premultiplied linear RGBA over the scene's background.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] for a scene or size without meaning, [`Error::Gpu`] for what the adapter refuses,
+    /// [`Error::Cancelled`], and whatever `band` returns.
+    pub fn render_bands(
+        &mut self,
+        scene: &Scene,
+        [width, height]: [u32; 2],
+        options: &RenderOptions,
+        progress: &Progress,
+        mut band: impl FnMut(&[[f32; 4]]) -> Result<()>,
+    ) -> Result<RenderReport> {
+        scene.validate()?;
+        check_size(width, height)?;
+        let mut report = RenderReport { pipeline: String::new(), warnings: Vec::new() };
+        let object = match scene.objects.first() {
+            None => None,
+            Some(object) => {
+                let resident = self.volumes.get(&self.context, object, progress)?;
+                if resident.num_gaps > 0 {
+                    report.warnings.push(format!(
+                        "{} of {} voxels are no number (NaN or infinite) and count as no data",
+                        resident.num_gaps,
+                        object.volume.grid.num_voxels()
+                    ));
+                }
+                let prepared = self.raycast.prepare(&self.context, scene, object, &resident, options.skip_empty)?;
+                report.pipeline = prepared.key.to_string();
+                Some(prepared)
+            }
+        };
+        let edge = options.tile.clamp(1, self.context.device.limits().max_texture_dimension_2d);
+        let tiles = u64::from(width.div_ceil(edge)) * u64::from(height.div_ceil(edge));
+        progress.begin("rendering", tiles);
+        let mut slots = match object {
+            None => Vec::new(),
+            // Two: one is drawn while the other is read.
+            Some(_) => (0..2.min(tiles)).map(|_| self.tile_slot(edge.min(width), edge.min(height))).collect(),
+        };
+        let mut rows = vec![[0.0f32; 4]; width as usize * edge.min(height) as usize];
+        for y in (0..height).step_by(edge as usize) {
+            let num_rows = edge.min(height - y);
+            let band_pixels = &mut rows[..width as usize * num_rows as usize];
+            match &object {
+                None => {
+                    band_pixels.fill([0.0; 4]);
+                    progress.advance(u64::from(width.div_ceil(edge)))?;
+                }
+                Some(object) => {
+                    self.draw_band(scene, object, &mut slots, [width, height], edge, y, band_pixels, progress)?;
+                }
+            }
+            put_over(scene.background, band_pixels);
+            band(band_pixels)?;
+        }
+        Ok(report)
+    }
+
+    /// [`Renderer::render_bands`] into memory.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn render(
+        &mut self,
+        scene: &Scene,
+        size: [u32; 2],
+        options: &RenderOptions,
+        progress: &Progress,
+    ) -> Result<FloatImage> {
+        check_size(size[0], size[1])?;
+        let mut pixels = Vec::with_capacity(size[0] as usize * size[1] as usize);
+        self.render_bands(scene, size, options, progress, |band| {
+            pixels.extend_from_slice(band);
+            Ok(())
+        })?;
+        Ok(FloatImage { width: size[0], height: size[1], pixels })
+    }
+
+    fn tile_slot(&self, width: u32, height: u32) -> TileSlot {
+        let target = self.context.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("tile"),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: TARGET_FORMAT,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        let buffer = self.context.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("tile readback"),
+            size: u64::from(row_pitch(width)) * u64::from(height),
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        TileSlot { view: target.create_view(&wgpu::TextureViewDescriptor::default()), target, buffer, pending: None }
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "one loop of render_bands, named")]
+    fn draw_band(
+        &self,
+        scene: &Scene,
+        object: &RaycastObject,
+        slots: &mut [TileSlot],
+        [width, height]: [u32; 2],
+        edge: u32,
+        y: u32,
+        band: &mut [[f32; 4]],
+        progress: &Progress,
+    ) -> Result<()> {
+        let frame = self.raycast.frame(scene, object, [width, height]);
+        let num_slots = slots.len();
+        for (i, x) in (0..width).step_by(edge as usize).enumerate() {
+            let slot = &mut slots[i % num_slots];
+            self.collect(slot, width, band, progress)?;
+            let size = [edge.min(width - x), edge.min(height - y)];
+            let mut encoder = self.context.device.create_command_encoder(&Default::default());
+            self.raycast.draw(&self.context, &mut encoder, object, frame.for_tile([x, y]), &slot.view, size);
+            encoder.copy_texture_to_buffer(
+                slot.target.as_image_copy(),
+                wgpu::TexelCopyBufferInfo {
+                    buffer: &slot.buffer,
+                    layout: wgpu::TexelCopyBufferLayout {
+                        offset: 0,
+                        bytes_per_row: Some(row_pitch(size[0])),
+                        rows_per_image: None,
+                    },
+                },
+                wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
+            );
+            self.context.queue.submit([encoder.finish()]);
+            let (sender, mapped) = std::sync::mpsc::channel();
+            let bytes = u64::from(row_pitch(size[0])) * u64::from(size[1]);
+            slot.buffer.map_async(wgpu::MapMode::Read, ..bytes, move |result| {
+                // The receiver is gone only when the picture was given up.
+                let _ = sender.send(result);
+            });
+            slot.pending = Some(Pending { x, size, mapped });
+        }
+        for slot in slots {
+            self.collect(slot, width, band, progress)?;
+        }
+        Ok(())
+    }
+
+    /// Waits for the tile in `slot`, if any, and copies it into its band.
+    fn collect(&self, slot: &mut TileSlot, width: u32, band: &mut [[f32; 4]], progress: &Progress) -> Result<()> {
+        let Some(pending) = slot.pending.take() else { return Ok(()) };
+        let lost = |why: String| Error::gpu(format!("the adapter stopped while drawing: {why}"), "try again");
+        loop {
+            match pending.mapped.try_recv() {
+                Ok(result) => break result.map_err(|e| lost(e.to_string()))?,
+                Err(std::sync::mpsc::TryRecvError::Empty) => {}
+                Err(std::sync::mpsc::TryRecvError::Disconnected) => return Err(lost("no answer".to_owned())),
+            }
+            let poll = wgpu::PollType::Wait { submission_index: None, timeout: Some(std::time::Duration::from_secs(5)) };
+            match self.context.device.poll(poll) {
+                // OpenGL reports a timeout on work of several seconds: go on waiting.
+                Ok(_) | Err(wgpu::PollError::Timeout) => {}
+                Err(e) => return Err(lost(e.to_string())),
+            }
+        }
+        let [tile_width, tile_height] = pending.size;
+        let pitch = row_pitch(tile_width) as usize;
+        {
+            let bytes = slot
+                .buffer
+                .slice(..pitch as u64 * u64::from(tile_height))
+                .get_mapped_range()
+                .map_err(|e| lost(e.to_string()))?;
+            for row in 0..tile_height as usize {
+                let from = &bytes[row * pitch..][..tile_width as usize * BYTES_PER_PIXEL as usize];
+                let to = &mut band[row * width as usize + pending.x as usize..][..tile_width as usize];
+                bytemuck::cast_slice_mut::<_, u8>(to).copy_from_slice(from);
+            }
+        }
+        slot.buffer.unmap();
+        progress.advance(1)
+    }
+}
+
+fn check_size(width: u32, height: u32) -> Result<()> {
+    if width == 0 || height == 0 || width > MAX_IMAGE_EDGE || height > MAX_IMAGE_EDGE {
+        return Err(Error::scene(
+            format!("a picture of {width} x {height} pixels cannot be drawn"),
+            format!("choose a size from 1 x 1 to {MAX_IMAGE_EDGE} x {MAX_IMAGE_EDGE}"),
+        ));
+    }
+    Ok(())
+}
+
+fn row_pitch(width: u32) -> u32 {
+    (width * BYTES_PER_PIXEL).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
+}
+
+fn put_over(background: Background, pixels: &mut [[f32; 4]]) {
+    if let Background::Color(color) = background {
+        for pixel in pixels {
+            let through = 1.0 - pixel[3];
+            *pixel = [
+                pixel[0] + through * color[0],
+                pixel[1] + through * color[1],
+                pixel[2] + through * color[2],
+                1.0,
+            ];
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! The scene: plain, resolved data that the GPU passes and the f64 reference both read.
+//! The studio makes it from a document; nothing in here knows files, templates or a window.
+
+pub mod camera;
+pub mod quality;
+pub mod transfer_function;
+
+use std::sync::Arc;
+
+pub use camera::{Camera, Projection};
+pub use quality::Quality;
+pub use transfer_function::{StyleTransferFunction, TransferFunctionNode};
+
+use crate::error::{Error, Result};
+use crate::styles::StyleImage;
+use crate::volume::Volume;
+
+/// Everything that a picture depends on, but its size.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// What is drawn. This stage of the raycaster draws at most one object (an empty scene is its background).
+    pub objects: Vec<Object>,
+    /// Lit-sphere images that the transfer functions refer to by position.
+    pub styles: Vec<Arc<StyleImage>>,
+    /// Where it is seen from.
+    pub camera: Camera,
+    /// What is behind it.
+    pub background: Background,
+    /// Accuracy settings.
+    pub quality: Quality,
+}
+
+/// A volume with its look.
+#[derive(Clone, Debug)]
+pub struct Object {
+    /// The data; shared, so that a scene is cheap to make for each frame.
+    pub volume: Arc<Volume>,
+    /// Value → style and opacity.
+    pub transfer_function: StyleTransferFunction,
+    /// σ_g: standard deviation, in mm, of the Gaussian that smooths the copy which gradients are taken from;
+    /// 0 = central differences of the volume itself.
+    pub gradient_scale_mm: f64,
+}
+
+/// What lies behind the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Background {
+    /// Nothing: the picture has an alpha channel.
+    Transparent,
+    /// An opaque color, linear RGB.
+    Color([f32; 3]),
+}
+
+impl Scene {
+    /// Checks what types cannot: every node has a style, values and lengths are finite, nodes ascend.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] with the first fault.
+    pub fn validate(&self) -> Result<()> {
+        if self.objects.len() > 1 {
+            return Err(Error::scene(
+                format!("the scene has {} objects and this version draws one", self.objects.len()),
+                "remove all but one",
+            ));
+        }
+        self.camera.validate()?;
+        self.quality.validate()?;
+        for object in &self.objects {
+            if !(object.gradient_scale_mm.is_finite() && object.gradient_scale_mm >= 0.0) {
+                return Err(Error::scene(
+                    format!("the gradient scale is {} mm", object.gradient_scale_mm),
+                    "give 0 or a positive number",
+                ));
+            }
+            object.transfer_function.validate(self.styles.len())?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,110 @@
+//! Style transfer functions (thesis §3.3.2, 1-D): data value → lit-sphere style and opacity.
+
+use crate::error::{Error, Result};
+
+/// One node: from here on towards the next node, style and opacity change linearly into the next one's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TransferFunctionNode {
+    /// Data value (CT: HU).
+    pub value: f64,
+    /// Position of the style in [`Scene::styles`](super::Scene::styles).
+    pub style: usize,
+    /// α_u: opacity, in [0, 1], of one reference length of this material, before the style's own α_d.
+    pub opacity: f64,
+}
+
+/// Nodes in ascending value. Below the first and above the last node their style and opacity go on.
+/// Two nodes at one value are a jump.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StyleTransferFunction {
+    /// At least one node, values ascending.
+    pub nodes: Vec<TransferFunctionNode>,
+    /// d₀ in mm: the length that opacities are stated for.
+    pub reference_length_mm: f64,
+}
+
+/// What a transfer function says about one value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Classified {
+    /// α_u at the value.
+    pub opacity: f64,
+    /// Node coordinate: i + w means "w of the way from node i's style to node i+1's".
+    pub node: f64,
+}
+
+impl StyleTransferFunction {
+    /// Evaluates the function exactly, in f64. NaN is treated as below the first node.
+    pub fn classify(&self, value: f64) -> Classified {
+        let last = self.nodes.len() - 1;
+        let above = self.nodes.partition_point(|n| n.value <= value);
+        match above {
+            0 => Classified { opacity: self.nodes[0].opacity, node: 0.0 },
+            i if i > last => Classified { opacity: self.nodes[last].opacity, node: last as f64 },
+            i => {
+                let (a, b) = (&self.nodes[i - 1], &self.nodes[i]);
+                let w = (value - a.value) / (b.value - a.value);
+                Classified { opacity: a.opacity + w * (b.opacity - a.opacity), node: (i - 1) as f64 + w }
+            }
+        }
+    }
+
+    pub(crate) fn validate(&self, num_styles: usize) -> Result<()> {
+        let fail = |what: String, remedy: &str| Err(Error::scene(what, remedy));
+        if self.nodes.is_empty() {
+            return fail("the transfer function has no node".into(), "add at least one");
+        }
+        if self.nodes.len() > MAX_NODES {
+            return fail(
+                format!("the transfer function has {} nodes", self.nodes.len()),
+                "keep to at most 1024 of them",
+            );
+        }
+        if !(self.reference_length_mm.is_finite() && self.reference_length_mm > 0.0) {
+            return fail(
+                format!("the reference length of opacity is {} mm", self.reference_length_mm),
+                "give a positive length",
+            );
+        }
+        for node in &self.nodes {
+            if !node.value.is_finite() {
+                return fail("a transfer function node has a value that is not finite".into(), "give a number");
+            }
+            if !(0.0..=1.0).contains(&node.opacity) {
+                return fail(format!("the opacity {} is not in 0 to 1", node.opacity), "choose one from 0 to 1");
+            }
+            if node.style >= num_styles {
+                return fail(
+                    format!("a node refers to style {} of {num_styles}", node.style),
+                    "add the style to the scene",
+                );
+            }
+        }
+        if self.nodes.windows(2).any(|w| w[0].value > w[1].value) {
+            return fail("the transfer function's nodes do not ascend".into(), "sort them by value");
+        }
+        Ok(())
+    }
+}
+
+/// The node table is a texture row of this width at most.
+pub const MAX_NODES: usize = 1024;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn classify_is_linear_between_nodes_and_constant_outside() {
+        let node = |value, style, opacity| TransferFunctionNode { value, style, opacity };
+        let tf = StyleTransferFunction {
+            nodes: vec![node(0.0, 0, 0.0), node(10.0, 1, 1.0), node(10.0, 2, 0.25), node(20.0, 3, 0.5)],
+            reference_length_mm: 1.0,
+        };
+        assert_eq!(tf.classify(-5.0), Classified { opacity: 0.0, node: 0.0 });
+        assert_eq!(tf.classify(2.5), Classified { opacity: 0.25, node: 0.25 });
+        assert_eq!(tf.classify(10.0), Classified { opacity: 0.25, node: 2.0 }, "a jump belongs to its upper side");
+        assert_eq!(tf.classify(15.0), Classified { opacity: 0.375, node: 2.5 });
+        assert_eq!(tf.classify(1e9), Classified { opacity: 0.5, node: 3.0 });
+        assert_eq!(tf.classify(f64::NAN).node, 0.0);
+    }
+}

@@ -1,0 +1,304 @@
+//! The outside of the head: skin, face, ears and neck; muscles, cartilages and airways.
+//!
+//! The skin is modeled as a sculptor does: large masses first, blended over centimeters, then features added
+//! and cut with small fillets. Functions take `q`, the position with x mirrored to the positive side, unless
+//! they say `p`.
+
+use glam::{Vec3, vec2, vec3};
+
+use super::skull;
+use crate::specimen::sdf::*;
+
+/// Beyond this distance from its bounding sphere a feature is replaced by that bound, mm.
+const FAR_MM: f32 = 12.0;
+
+/// Center of the eyeball.
+pub const EYE: Vec3 = vec3(32.0, 72.5, 15.0);
+
+/// Radius of the eyeball, mm.
+pub const EYE_RADIUS: f32 = 12.0;
+
+/// Outer surface of the skin. `p` is in world mm: the nevus of the left cheek (x < 0) is part of it.
+pub fn skin(p: Vec3) -> f32 {
+    let q = vec3(p.x.abs(), p.y, p.z);
+    // Scalp: 6 mm over the vault, 5 on the forehead.
+    let mut d = skull::vault(q) - 6.0;
+    d = smin(d, neck(q), 16.0);
+    // Occiput and the muscles below it.
+    d = smin(d, ellipsoid(q - vec3(0.0, -50.0, -22.0), vec3(50.0, 40.0, 40.0)), 24.0);
+
+    // Middle and lower face.
+    let midface = ellipsoid(q - vec3(0.0, 26.0, -12.0), vec3(63.0, 65.0, 66.0));
+    let muzzle = ellipsoid(q - vec3(0.0, 56.0, -52.0), vec3(38.0, 40.0, 34.0));
+    let chin = ellipsoid(q - vec3(0.0, 80.0, -82.0), vec3(19.0, 15.5, 13.0));
+    let jaw = chain(q, &[(vec3(16.0, 78.0, -80.0), 13.0), (vec3(40.0, 42.0, -66.0), 13.0), (vec3(49.0, 17.0, -53.0), 13.0), (vec3(55.0, 6.0, -15.0), 13.0)], 8.0);
+    let floor = ellipsoid(q - vec3(0.0, 40.0, -66.0), vec3(36.0, 44.0, 22.0));
+    d = smin(d, midface, 22.0);
+    d = smin(d, muzzle, 20.0);
+    d = smin(d, smin(jaw, floor, 16.0), 14.0);
+    d = smin(d, chin, 14.0);
+    // Cheekbone and its arch.
+    d = smin(d, ellipsoid(turn_z(q - vec3(45.0, 63.0, -9.0), -0.7), vec3(17.0, 12.0, 13.0)), 16.0);
+    // Temple: slightly hollow behind the brow.
+    d = smax(d, -ellipsoid(q - vec3(79.0, 54.0, 30.0), vec3(14.0, 24.0, 22.0)), 20.0);
+    // Brow: ridge from the glabella to the outer corner.
+    let brow = chain(q, &[(vec3(6.0, 88.5, 30.0), 7.0), (vec3(26.0, 86.5, 34.0), 7.0), (vec3(46.0, 74.0, 31.0), 7.0)], 6.0);
+    d = smin(d, brow, 12.0);
+    if p.y > 45.0 {
+        d = features(p, q, d);
+    }
+    d = ear_onto(q, d);
+    d
+}
+
+/// Eyes, nose, mouth and the small relief of the face, worked into the mass `d`.
+fn features(p: Vec3, q: Vec3, mut d: f32) -> f32 {
+    // Eye sockets and lids.
+    let e = q - EYE;
+    if e.length() < 34.0 + FAR_MM {
+        let socket = ellipsoid(q - vec3(32.5, 93.0, 15.5), vec3(17.0, 13.5, 11.5));
+        d = smax(d, -socket, 12.0);
+        // Toward the nose the socket is deepest.
+        d = smax(d, -ellipsoid(q - vec3(17.0, 93.0, 17.0), vec3(6.0, 8.0, 8.0)), 9.0);
+        let lids = ellipsoid(e - vec3(0.0, 0.6, 0.0), vec3(15.6, 14.6, 14.0));
+        d = smin(d, lids, 5.5);
+        // The closed fissure: a shallow arc below the middle of the globe, its outer corner a little higher.
+        let along = e.x / 15.5;
+        let lift = -4.6 + 3.4 * along * along + 1.2 * along;
+        let lash = vec2(e.z - lift, (e.length() - 15.4).min(0.0)).length();
+        let span = smoothstep(1.06, 0.86, along.abs());
+        if e.y > 0.0 {
+            let near = (e.length() - 15.4).abs();
+            let slit = vec2(e.z - lift, near * 0.7).length();
+            let _ = lash;
+            d = smax(d, (1.3 * span) - slit, 1.2);
+            // Upper crease, where the lid folds back under the brow.
+            let crease = 6.6 - 5.2 * along * along + 0.6 * along;
+            let fold = vec2(e.z - crease, (e.length() - 15.2) * 0.7).length();
+            d = smax(d, 1.25 * smoothstep(1.08, 0.6, along.abs()) - fold, 1.8);
+            // Lower lid furrow.
+            let furrow = -11.0 + 4.2 * along * along;
+            let under = vec2(e.z - furrow, (e.length() - 15.4) * 0.6).length();
+            d = smax(d, 0.9 * smoothstep(1.1, 0.3, along.abs()) - under, 3.0);
+        }
+    }
+    // Nose.
+    if (q - vec3(0.0, 104.0, -8.0)).length() < 44.0 + FAR_MM {
+        d = nose(q, d);
+    }
+    // Mouth.
+    if (q - vec3(0.0, 96.0, -52.0)).length() < 38.0 + FAR_MM {
+        d = mouth(q, d);
+    }
+    // Crease from the wing of the nose past the corner of the mouth.
+    let fold = chain(q, &[(vec3(20.0, 98.0, -20.0), 0.5), (vec3(28.0, 92.5, -36.0), 1.4), (vec3(33.0, 84.0, -54.0), 0.2)], 2.0);
+    d = smax(d, -fold, 6.0);
+    // Cheek pads.
+    d = smin(d, ellipsoid(q - vec3(34.0, 73.0, -28.0), vec3(15.0, 14.0, 17.0)), 12.0);
+    // Nevus: 5 mm across, on the patient's left cheek only.
+    smin(d, ellipsoid(p - NEVUS, vec3(2.6, 2.6, 2.6)), 1.6)
+}
+
+/// Center of the nevus on the patient's LEFT cheek (x < 0), world mm.
+pub const NEVUS: Vec3 = vec3(-41.0, 79.5, -24.0);
+
+fn nose(q: Vec3, mut d: f32) -> f32 {
+    let s = vec3(q.x * 0.86, q.y, q.z);
+    let bridge = chain(s, &[(vec3(0.0, 85.5, 25.0), 7.0), (vec3(0.0, 97.0, 6.0), 7.0), (vec3(0.0, 107.5, -11.0), 7.5)], 8.0);
+    d = smin(d, bridge, 10.0);
+    let tip = ellipsoid(q - vec3(3.0, 110.0, -16.5), vec3(7.5, 8.5, 7.2));
+    d = smin(d, tip, 6.0);
+    // Wings.
+    let wing = ellipsoid(turn_z(q - vec3(12.5, 101.0, -21.5), 0.35), vec3(5.8, 9.5, 6.8));
+    d = smin(d, wing, 4.5);
+    // Groove above and behind the wing.
+    let groove = chain(q, &[(vec3(13.0, 110.0, -12.5), 0.6), (vec3(19.0, 101.0, -13.5), 1.2), (vec3(20.0, 94.0, -22.0), 1.0)], 3.0);
+    d = smax(d, -groove, 3.5);
+    // Columella.
+    d = smin(d, cone(q, vec3(0.0, 111.0, -23.0), vec3(0.0, 99.0, -28.0), 3.0, 4.0), 4.0);
+    // Nostrils lead up and back into the cavity.
+    let nostril = chain(q, &[(vec3(7.0, 107.0, -29.5), 3.0), (vec3(7.2, 104.5, -23.5), 3.6), (vec3(5.0, 94.0, -14.0), 3.6)], 2.0);
+    smax(d, -nostril, 1.8)
+}
+
+/// Depth of the line between the lips at a distance from the midline: the arc they follow, mm of y.
+fn lip_arc(x: f32) -> f32 {
+    0.0105 * x * x + 0.0000065 * x * x * x * x
+}
+
+fn mouth(q: Vec3, mut d: f32) -> f32 {
+    // Straighten the arc of the lips: l.y counts from the line between them.
+    let x = q.x;
+    let l = vec3(x, q.y - 99.5 + lip_arc(x), q.z + 52.5);
+    let corner = 26.0;
+    let taper = smoothstep(corner, 6.0, x);
+    let fade = smoothstep(corner + 2.0, corner - 8.0, x);
+    // Philtrum.
+    let philtrum = cone(q, vec3(0.0, 107.5, -29.5), vec3(0.0, 107.8, -42.5), 2.2, 3.0);
+    d = smax(d, -philtrum, 4.0);
+    // Upper lip: cupid's bow lifts it at 5 mm from the midline and dips in the middle.
+    let bow = 2.2 * bump(x - 6.0, 9.0) - 0.8 * bump(x, 5.0);
+    let upper = vec2(l.y - 1.0, (l.z - 3.2 * taper - bow * 0.7) * mix(1.7, 1.0, taper)).length() - mix(2.0, 5.0, taper);
+    let lower = vec2(l.y - 0.4, (l.z + 4.4 * taper + 0.6) * mix(1.6, 0.86, taper)).length() - mix(2.0, 5.6, smoothstep(corner, 4.0, x));
+    let end = x - corner;
+    d = smin(d, smax(upper, end, 4.0), 2.2);
+    d = smin(d, smax(lower, end + 1.5, 4.0), 2.6);
+    // The line between the lips: slightly waved.
+    let line_z = 0.9 * bump(x - 5.0, 7.0) - 0.5 - 0.0016 * x * x;
+    let slit = vec2((l.z - line_z) * 1.0, (l.y - 5.0).max(0.0) * 0.0).length();
+    let slit = smax(slit - 0.55 * fade - 0.15, (1.0 - l.y).max(end), 1.0);
+    d = smax(d, -slit, 1.6);
+    // Corners are drawn in.
+    d = smax(d, -ellipsoid(q - vec3(corner + 1.5, 95.0, -53.0), vec3(2.6, 3.0, 2.6)), 4.0);
+    // Groove between lower lip and chin.
+    let sulcus = cone(q, vec3(0.0, 105.0, -69.0), vec3(14.0, 102.0, -67.5), 4.0, 2.5);
+    smax(d, -sulcus, 8.0)
+}
+
+/// Neck: a leaning column with the two sternocleidomastoids and the larynx.
+fn neck(q: Vec3) -> f32 {
+    let t = smoothstep(-40.0, -130.0, q.z);
+    let center = mix(-18.0, -12.0, t);
+    let column = ellipse(vec2(q.x, q.y - center), vec2(mix(52.0, 56.0, t), mix(54.0, 57.0, t))) * 0.95;
+    let column = smax(column, q.z + 25.0, 20.0);
+    let cord = cone(q, vec3(55.0, -12.0, -25.0), vec3(24.0, 37.0, -135.0), 9.0, 8.5);
+    let larynx = ellipsoid(q - vec3(0.0, 40.0, -122.0), vec3(13.0, 14.0, 18.0));
+    smin(smin(column, cord, 10.0), larynx, 14.0)
+}
+
+/// Center of the outer ear's bounding sphere and its radius, mm.
+const EAR: (Vec3, f32) = (vec3(76.0, -10.0, 3.0), 44.0);
+
+/// Position in the frame of the auricle: x backward along it, y up along it, z out of its face.
+/// The auricle leans back by 12° and stands off the head by 28°.
+fn ear_frame(q: Vec3) -> Vec3 {
+    let a = turn_x(q - vec3(70.5, -1.0, 1.0), 0.21);
+    let (s, c) = 0.50_f32.sin_cos();
+    // Backward direction leaves the head: (sin, -cos).
+    vec3(a.x * s - a.y * c, a.z, a.x * c + a.y * s)
+}
+
+/// The cartilage-backed shape of the auricle.
+pub fn ear(q: Vec3) -> f32 {
+    let l = ear_frame(q);
+    let outline = {
+        let upper = ellipse(vec2(l.x - 13.0, l.y - 11.0), vec2(17.0, 20.5));
+        let lower = ellipse(vec2(l.x - 8.0, l.y + 12.0), vec2(10.5, 17.0));
+        smin(upper, lower, 12.0)
+    };
+    // The sheet: dished at the concha, rising to the antihelix, falling to the scapha.
+    let r = vec2((l.x - 7.5) / 9.5, (l.y - 0.5) / 12.5).length();
+    let dish = -8.0 * smoothstep(1.05, 0.35, r);
+    let sheet = smax(outline, ((l.z - dish) * 0.75).abs() - 1.7, 2.5);
+    // Helix: the rolled rim, from its root in the concha over the top and down to the lobule.
+    let helix = chain(
+        l,
+        &[
+            (vec3(6.0, 2.0, -4.0), 1.6),
+            (vec3(0.5, 7.5, 0.5), 2.2),
+            (vec3(-1.0, 17.0, 2.0), 2.6),
+            (vec3(3.5, 26.5, 2.2), 2.8),
+            (vec3(12.0, 31.0, 2.0), 2.9),
+            (vec3(21.0, 28.0, 1.8), 2.8),
+            (vec3(27.5, 19.0, 1.4), 2.6),
+            (vec3(28.5, 8.0, 1.0), 2.4),
+            (vec3(25.0, -3.0, 0.6), 2.2),
+            (vec3(19.0, -13.0, 0.0), 2.2),
+        ],
+        1.5,
+    );
+    let lobule = ellipsoid(l - vec3(7.5, -22.0, -0.5), vec3(9.0, 9.0, 3.2));
+    let antihelix = chain(
+        l,
+        &[(vec3(11.0, -11.0, 0.5), 2.4), (vec3(18.0, -3.0, 1.0), 2.4), (vec3(19.0, 8.0, 1.2), 2.5), (vec3(16.0, 16.0, 0.8), 2.2), (vec3(10.0, 23.0, 0.0), 1.6)],
+        2.0,
+    );
+    let crus = cone(l, vec3(17.0, 14.0, 0.8), vec3(5.0, 15.5, 0.0), 2.2, 1.2);
+    let tragus = ellipsoid(l - vec3(-1.0, -2.0, 0.5), vec3(3.4, 5.0, 3.0));
+    let antitragus = ellipsoid(l - vec3(8.0, -12.5, 0.8), vec3(4.0, 2.6, 2.6));
+    let mut d = smin(sheet, helix, 2.0);
+    d = smin(d, lobule, 5.0);
+    d = smin(d, smin(antihelix, crus, 3.0), 3.0);
+    smin(d, tragus.min(antitragus), 3.0)
+}
+
+fn ear_onto(q: Vec3, d: f32) -> f32 {
+    let bound = (q - EAR.0).length() - EAR.1;
+    if bound > FAR_MM {
+        return d.min(bound);
+    }
+    let d = smin(d, ear(q), 5.0);
+    smax(d, -ear_canal(q), 2.0)
+}
+
+/// The auditory canal, open to the concha.
+pub fn ear_canal(q: Vec3) -> f32 {
+    cone(q, vec3(76.0, -4.0, 1.0), vec3(50.0, 1.0, -0.5), 3.4, 2.6)
+}
+
+/// Cartilage: septum and tip of the nose, auricle, thyroid cartilage.
+pub fn cartilage(q: Vec3) -> f32 {
+    let septum = smax(q.x - 1.0, smax((q.y - 98.0).abs() - 11.0, (q.z + 9.0).abs() - 14.0, 2.0), 0.5);
+    let septum = smax(septum, (vec2(q.y - 84.0, q.z - 22.0).dot(vec2(0.80, 0.60)) - 14.0).max(-27.0 - q.z), 1.0);
+    let alar = ellipsoid(q - vec3(4.5, 108.0, -16.5), vec3(5.0, 5.5, 4.5));
+    let nose = smax(septum.min(alar), 84.0 - q.y, 1.0);
+    let thyroid = smax((ellipse(vec2(q.x, q.y - 22.0), vec2(17.0, 24.0))).abs() - 1.8, smax((q.z + 121.0).abs() - 11.0, 18.0 - q.y, 1.0), 1.0);
+    let mut d = nose.min(thyroid);
+    if (q - EAR.0).length() < EAR.1 {
+        d = d.min(ear(q) + 1.3);
+    }
+    d
+}
+
+/// Air inside the head: nose, sinuses, throat, windpipe, the slit of the mouth, ear canals. `p` in world mm.
+pub fn airways(p: Vec3) -> f32 {
+    let q = vec3(p.x.abs(), p.y, p.z);
+    // A millimeter of mucosa lines the bone; it also covers septum and turbinates.
+    let nasal = skull::nasal_cavity(q) + 1.2;
+    let septum = smax(p.x.abs() - 2.0, q.y - 110.0, 1.0);
+    let lower = ellipsoid(q - vec3(9.5, 62.0, -19.0), vec3(2.8, 22.0, 5.0));
+    let middle = ellipsoid(q - vec3(7.0, 58.0, -4.0), vec3(2.6, 20.0, 5.4));
+    let nasal = smax(nasal, -(septum.min(lower).min(middle)), 1.0);
+    let vestibule = chain(q, &[(vec3(7.0, 107.5, -30.0), 2.6), (vec3(7.2, 104.0, -23.0), 3.3), (vec3(5.5, 90.0, -13.0), 3.2)], 3.0);
+    let sinuses = (skull::maxillary_sinus(q) + 1.0).min(skull::midline_sinuses(p) + 0.6);
+    let flat = vec3(q.x * 0.62, q.y, q.z);
+    let throat = chain(
+        flat,
+        &[(vec3(0.0, 34.0, -8.0), 6.5), (vec3(0.0, 19.0, -26.0), 6.0), (vec3(0.0, 15.0, -60.0), 5.0), (vec3(0.0, 20.0, -95.0), 6.0), (vec3(0.0, 22.0, -135.0), 7.0)],
+        6.0,
+    );
+    // A film of air above the tongue.
+    let tongue = ellipsoid(q - vec3(0.0, 52.0, -58.0), vec3(23.0, 37.0, 21.0));
+    let mouth = smax((tongue - 1.2).abs() - 1.2, smax(-45.0 - q.z, q.x - 19.0, 2.0), 1.0);
+    nasal.min(vestibule).min(sinuses).min(throat).min(mouth).min(ear_canal(q))
+}
+
+/// Muscles with a surface of their own, before the fat between them.
+pub fn muscles(q: Vec3) -> f32 {
+    let masseter = chain(q, &[(vec3(58.0, 50.0, -12.0), 7.0), (vec3(56.0, 34.0, -34.0), 8.0), (vec3(53.0, 19.0, -56.0), 7.0)], 5.0);
+    // Temporalis: fans over the side of the vault and dives under the arch to the coronoid.
+    let fan = smax(skull::vault(q) - 5.0, ellipsoid(q - vec3(66.0, 22.0, 30.0), vec3(26.0, 52.0, 48.0)), 4.0);
+    let dive = cone(q, vec3(55.0, 38.0, 16.0), vec3(50.0, 36.0, -14.0), 9.0, 6.0);
+    let cord = cone(q, vec3(54.0, -12.0, -26.0), vec3(23.0, 33.0, -135.0), 9.0, 8.5);
+    let nape = ellipse(vec2(q.x - 22.0, q.y + 42.0), vec2(24.0, 21.0));
+    let nape = smax(nape, q.z + 12.0, 8.0);
+    let deep = smax(ellipse(vec2(q.x - 22.0, q.y + 5.0), vec2(24.0, 18.0)), q.z + 32.0, 6.0);
+    let tongue = ellipsoid(q - vec3(0.0, 52.0, -58.0), vec3(23.0, 37.0, 21.0));
+    let floor = smax(ellipsoid(q - vec3(0.0, 42.0, -80.0), vec3(32.0, 40.0, 12.0)), -98.0 - q.z, 3.0);
+    let pterygoid = cone(q, vec3(20.0, 33.0, -14.0), vec3(43.0, 20.0, -50.0), 7.0, 6.0);
+    let lips = smax(ellipse(vec2(q.x, q.y - 50.0), vec2(33.0, 50.0)).abs() - 3.4, (q.z + 52.0).abs() - 15.0, 3.0);
+    let lips = smax(lips, 60.0 - q.y, 6.0);
+    masseter.min(fan).min(dive).min(cord).min(nape).min(deep).min(tongue).min(floor).min(pterygoid).min(lips)
+}
+
+/// The four straight muscles of the eye.
+pub fn eye_muscles(q: Vec3) -> f32 {
+    let apex = vec3(14.5, 34.0, 18.5);
+    [vec3(10.5, 0.0, 0.0), vec3(-10.5, 0.0, 0.0), vec3(0.0, 0.0, 10.5), vec3(0.0, 0.0, -10.5)]
+        .into_iter()
+        .map(|side| {
+            let belly = EYE + side * 1.12 + vec3(0.0, -10.0, 0.0);
+            chain(q, &[(apex + side * 0.28, 1.6), (belly, 2.5), (EYE + side * 1.18 + vec3(0.0, 2.0, 0.0), 1.1)], 2.0)
+        })
+        .fold(f32::MAX, f32::min)
+}

@@ -1,0 +1,138 @@
+//! Signed distances (mm, negative inside) and noises that the specimens are modeled from.
+//!
+//! Every distance here is exact or a bound that is close to 1-Lipschitz near its surface: the painter culls
+//! whole bricks by it and turns it into partial-volume coverage.
+
+use glam::{Vec2, Vec3, vec3};
+
+/// Quadratic smooth minimum: the union of two shapes with a fillet of about `k` mm.
+#[inline]
+pub fn smin(a: f32, b: f32, k: f32) -> f32 {
+    let h = (k - (a - b).abs()).max(0.0) / k;
+    a.min(b) - h * h * k * 0.25
+}
+
+/// Quadratic smooth maximum: the intersection of two shapes with an edge rounded by about `k` mm.
+#[inline]
+pub fn smax(a: f32, b: f32, k: f32) -> f32 {
+    -smin(-a, -b, k)
+}
+
+/// Cubic Hermite step from 0 at `a` to 1 at `b`; `a > b` gives the falling step.
+#[inline]
+pub fn smoothstep(a: f32, b: f32, x: f32) -> f32 {
+    let t = ((x - a) / (b - a)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+/// Linear blend.
+#[inline]
+pub fn mix(a: f32, b: f32, t: f32) -> f32 {
+    a + (b - a) * t
+}
+
+/// A smooth bump of height 1 at 0 that is exactly 0 beyond ±`width`.
+#[inline]
+pub fn bump(x: f32, width: f32) -> f32 {
+    let t = (1.0 - (x / width) * (x / width)).max(0.0);
+    t * t
+}
+
+/// Ellipsoid about the origin with radii `r` (first-order distance).
+#[inline]
+pub fn ellipsoid(p: Vec3, r: Vec3) -> f32 {
+    let a = p / r;
+    let k0 = a.length();
+    let k1 = (a / r).length().max(1e-6);
+    k0 * (k0 - 1.0) / k1
+}
+
+/// Ellipse about the origin with radii `r` (first-order distance).
+#[inline]
+pub fn ellipse(p: Vec2, r: Vec2) -> f32 {
+    let a = p / r;
+    let k0 = a.length();
+    let k1 = (a / r).length().max(1e-6);
+    k0 * (k0 - 1.0) / k1
+}
+
+/// Capsule from `a` to `b` whose radius runs linearly from `ra` to `rb`.
+#[inline]
+pub fn cone(p: Vec3, a: Vec3, b: Vec3, ra: f32, rb: f32) -> f32 {
+    let (pa, ba) = (p - a, b - a);
+    let h = (pa.dot(ba) / ba.length_squared()).clamp(0.0, 1.0);
+    (pa - ba * h).length() - mix(ra, rb, h)
+}
+
+/// A chain of cones through points with radii, blended over `k` mm.
+pub fn chain(p: Vec3, points: &[(Vec3, f32)], k: f32) -> f32 {
+    points.windows(2).fold(f32::MAX, |d, w| smin(d, cone(p, w[0].0, w[1].0, w[0].1, w[1].1), k))
+}
+
+/// Box about the origin with half sizes `h`, its edges rounded by `r` (included in `h`).
+#[inline]
+pub fn rounded_box(p: Vec3, h: Vec3, r: f32) -> f32 {
+    let q = p.abs() - h + Vec3::splat(r);
+    q.max(Vec3::ZERO).length() + q.max_element().min(0.0) - r
+}
+
+/// `p` turned by `angle` radians about the x axis (y toward z).
+#[inline]
+pub fn turn_x(p: Vec3, angle: f32) -> Vec3 {
+    let (s, c) = angle.sin_cos();
+    vec3(p.x, c * p.y - s * p.z, s * p.y + c * p.z)
+}
+
+/// `p` turned by `angle` radians about the y axis (z toward x).
+#[inline]
+pub fn turn_y(p: Vec3, angle: f32) -> Vec3 {
+    let (s, c) = angle.sin_cos();
+    vec3(c * p.x + s * p.z, p.y, -s * p.x + c * p.z)
+}
+
+/// `p` turned by `angle` radians about the z axis (x toward y).
+#[inline]
+pub fn turn_z(p: Vec3, angle: f32) -> Vec3 {
+    let (s, c) = angle.sin_cos();
+    vec3(c * p.x - s * p.y, s * p.x + c * p.y, p.z)
+}
+
+/// Integer hash of a lattice point: 32 well-mixed bits.
+#[inline]
+pub fn hash(x: i32, y: i32, z: i32, seed: u32) -> u32 {
+    let mut h = (x as u32).wrapping_mul(0x8da6_b343)
+        ^ (y as u32).wrapping_mul(0xd816_3841)
+        ^ (z as u32).wrapping_mul(0xcb1a_b31f)
+        ^ seed.wrapping_mul(0x9e37_79b9);
+    h ^= h >> 16;
+    h = h.wrapping_mul(0x7feb_352d);
+    h ^= h >> 15;
+    h = h.wrapping_mul(0x846c_a68b);
+    h ^ (h >> 16)
+}
+
+/// A hash as a number in [0, 1).
+#[inline]
+pub fn unit(h: u32) -> f32 {
+    (h >> 8) as f32 * (1.0 / 16_777_216.0)
+}
+
+/// Smooth value noise in [-1, 1] with features of about one unit.
+pub fn noise(p: Vec3, seed: u32) -> f32 {
+    let base = p.floor();
+    let f = p - base;
+    let w = f * f * (Vec3::splat(3.0) - 2.0 * f);
+    let (x, y, z) = (base.x as i32, base.y as i32, base.z as i32);
+    let at = |dx: i32, dy: i32, dz: i32| unit(hash(x + dx, y + dy, z + dz, seed)) * 2.0 - 1.0;
+    let row = |dy: i32, dz: i32| mix(at(0, dy, dz), at(1, dy, dz), w.x);
+    mix(mix(row(0, 0), row(1, 0), w.y), mix(row(0, 1), row(1, 1), w.y), w.z)
+}
+
+/// About a standard normal variate per lattice point (sum of four uniforms), clipped at ±3.46 σ.
+#[inline]
+pub fn normal(x: usize, y: usize, z: usize, seed: u32) -> f32 {
+    let h = hash(x as i32, y as i32, z as i32, seed);
+    let sum = (h & 0xff) + (h >> 8 & 0xff) + (h >> 16 & 0xff) + (h >> 24);
+    // Four bytes have mean 510 and standard deviation 2 · 73.9 = 147.8.
+    (sum as f32 - 510.0) * (1.0 / 147.8)
+}

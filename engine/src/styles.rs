@@ -1,0 +1,521 @@
+//! Styles: pictures of a lit sphere, from which a normal takes its color and its directional opacity (thesis §3.3;
+//! Sloan et al. 2001). The studio shows them in its gallery; the renderer uploads each as one array layer with the
+//! mips made here, and the f64 reference reads the same floats.
+//!
+//! Files are square PNGs, straight-alpha sRGB, row 0 = up, the sphere touching the edges. They come from
+//! `styles/` (compiled in; made by `cargo run --release -p fabrica-engine --example make_styles`) and from a folder
+//! of the user's own.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
+
+use serde::{Deserialize, Serialize};
+
+use crate::color;
+use crate::error::{Error, Result};
+use crate::image_out::{self, Picture};
+
+/// Texels a side of every loaded style. All have the same, because they are layers of one texture array.
+pub const STYLE_SIZE: usize = 256;
+/// Levels of a loaded style: 256² down to 1².
+pub const NUM_STYLE_MIPS: usize = STYLE_SIZE.ilog2() as usize + 1;
+
+/// A style, ready for sampling.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StyleImage {
+    /// The name that transfer functions refer to.
+    pub name: String,
+    /// Texels a side of level 0; a power of two.
+    pub size: usize,
+    /// Level 0 first, each `(size >> level)²` premultiplied linear RGBA, row 0 = up; the last is one texel.
+    pub mips: Vec<Vec<[f32; 4]>>,
+}
+
+/// What a gallery shows beside the sphere.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StyleInfo {
+    /// The name that transfer functions refer to: the file's stem.
+    pub name: String,
+    /// Human-readable title.
+    pub title: String,
+    /// One line on the look and its use.
+    pub description: String,
+    /// Words to search by.
+    #[serde(default)]
+    pub tags: Vec<String>,
+    /// File name, within the folder that the style comes from.
+    pub file: String,
+}
+
+/// Where the center of a normal's color lies in a style image: `n_xy` = (right, up) components of the unit shading
+/// normal in the ray's frame, |n_xy| ≤ 1; result (u, v) in 0…1, v downwards, (0, 0) the outer corner of the first
+/// texel, as texture units take it. |n_xy| = 1 lands on the center of the outermost texel: x = n_x·(size−1)/2 + size/2,
+/// y = size/2 − n_y·(size−1)/2 in texels. For the mip levels the same (u, v) is used.
+pub fn uv_from_normal(n_xy: [f64; 2], size: usize) -> [f64; 2] {
+    let scale = (size as f64 - 1.0) / (2.0 * size as f64);
+    [0.5 + n_xy[0] * scale, 0.5 - n_xy[1] * scale]
+}
+
+/// Inverse of [`uv_from_normal`]: the n_xy whose color texture coordinate `uv` holds. |n_xy| > 1 outside the disc.
+pub fn normal_from_uv(uv: [f64; 2], size: usize) -> [f64; 2] {
+    let scale = 2.0 * size as f64 / (size as f64 - 1.0);
+    [(uv[0] - 0.5) * scale, (0.5 - uv[1]) * scale]
+}
+
+impl StyleImage {
+    /// A style from a square picture of a sphere that touches the edges: straight linear RGBA, row 0 = up. A picture of
+    /// another size than [`STYLE_SIZE`] is resampled; what lies outside the disc is never used.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] if the picture is not square or smaller than 16 pixels.
+    pub fn from_straight(name: &str, picture: &Picture) -> Result<Self> {
+        let size = picture.width;
+        if size != picture.height || size < 16 {
+            return Err(Error::scene(
+                format!("the style \"{name}\" has {} × {} pixels", picture.width, picture.height),
+                "a style is a square picture of at least 16 pixels a side, filled by a sphere",
+            ));
+        }
+        let mut straight = picture.pixels.clone();
+        extend_radially(&mut straight, size);
+        let mut level: Vec<[f32; 4]> = straight.into_iter().map(color::premultiplied_from_straight).collect();
+        if size != STYLE_SIZE {
+            level = resample(&level, size, STYLE_SIZE);
+            // Resampled texels beyond the rim mix several directions; give them the rim's color again.
+            extend_radially(&mut level, STYLE_SIZE);
+        }
+        Ok(Self { name: name.to_owned(), size: STYLE_SIZE, mips: mips_of(level, STYLE_SIZE) })
+    }
+
+    /// A style of one color for all directions: premultiplied linear RGBA.
+    pub fn flat(name: &str, rgba: [f32; 4]) -> Self {
+        let mips = mips_of(vec![rgba; STYLE_SIZE * STYLE_SIZE], STYLE_SIZE);
+        Self { name: name.to_owned(), size: STYLE_SIZE, mips }
+    }
+}
+
+/// Gives every texel outside the disc (|n_xy| > 1) the color of the outermost texel in its direction whose center is in
+/// the disc, so that neither filtering nor mips mix in what is painted outside.
+fn extend_radially(texels: &mut [[f32; 4]], size: usize) {
+    let center = (size as f64 - 1.0) / 2.0;
+    // In texels from the center; the small slack keeps the axes' last texels inside in spite of rounding.
+    let is_inside = |x: f64, y: f64| x * x + y * y <= center * center * (1.0 + 1e-9);
+    for row in 0..size {
+        for column in 0..size {
+            let (x, y) = (column as f64 - center, row as f64 - center);
+            if is_inside(x, y) {
+                continue;
+            }
+            let r = x.hypot(y);
+            // Inwards from the rim by quarter texels, until the nearest texel center is in the disc.
+            let mut distance = center;
+            let (rim_x, rim_y) = loop {
+                let near = |v: f64| (v / r * distance + center).round();
+                let (rim_x, rim_y) = (near(x), near(y));
+                if is_inside(rim_x - center, rim_y - center) {
+                    break (rim_x as usize, rim_y as usize);
+                }
+                distance -= 0.25;
+            };
+            texels[row * size + column] = texels[rim_y * size + rim_x];
+        }
+    }
+}
+
+/// Resamples a square picture so that |n_xy| = 1 stays on the outermost texel centers: tent filter, as wide as the
+/// coarser of the two grids.
+fn resample(texels: &[[f32; 4]], old_size: usize, new_size: usize) -> Vec<[f32; 4]> {
+    let ratio = (old_size as f64 - 1.0) / (new_size as f64 - 1.0);
+    let radius = ratio.max(1.0);
+    let taps: Vec<Vec<(usize, f32)>> = (0..new_size)
+        .map(|i| {
+            let center = i as f64 * ratio;
+            let first = (center - radius).ceil().max(0.0) as usize;
+            let last = ((center + radius).floor() as usize).min(old_size - 1);
+            let weights: Vec<f64> = (first..=last).map(|k| 1.0 - (k as f64 - center).abs() / radius).collect();
+            let sum: f64 = weights.iter().sum();
+            (first..=last).zip(weights).map(|(k, w)| (k, (w / sum) as f32)).collect()
+        })
+        .collect();
+    let mix = |taps: &[(usize, f32)], texel: &dyn Fn(usize) -> [f32; 4]| {
+        taps.iter().fold([0.0; 4], |sum: [f32; 4], &(k, w)| {
+            let t = texel(k);
+            std::array::from_fn(|c| sum[c] + w * t[c])
+        })
+    };
+    let narrowed: Vec<[f32; 4]> = (0..old_size * new_size)
+        .map(|i| mix(&taps[i % new_size], &|k| texels[i / new_size * old_size + k]))
+        .collect();
+    (0..new_size * new_size).map(|i| mix(&taps[i / new_size], &|k| narrowed[k * new_size + i % new_size])).collect()
+}
+
+/// Box mips of a premultiplied linear picture, down to one texel.
+fn mips_of(level: Vec<[f32; 4]>, size: usize) -> Vec<Vec<[f32; 4]>> {
+    let mut mips = vec![level];
+    let mut half = size / 2;
+    while half >= 1 {
+        let above = &mips[mips.len() - 1];
+        let width = half * 2;
+        let level = (0..half * half)
+            .map(|i| {
+                let first = i / half * 2 * width + i % half * 2;
+                let four = [above[first], above[first + 1], above[first + width], above[first + width + 1]];
+                std::array::from_fn(|c| (four[0][c] + four[1][c] + four[2][c] + four[3][c]) * 0.25)
+            })
+            .collect();
+        mips.push(level);
+        half /= 2;
+    }
+    mips
+}
+
+macro_rules! embedded {
+    ($($name:literal),* $(,)?) => {
+        /// The PNGs of `styles/`, by name. `styles/index.json` has the same names (a test compares).
+        const EMBEDDED: &[(&str, &[u8])] =
+            &[$(($name, include_bytes!(concat!("../../styles/", $name, ".png")))),*];
+    };
+}
+
+embedded![];
+
+static EMBEDDED_INDEX: LazyLock<Vec<StyleInfo>> = LazyLock::new(|| {
+    // A fault here is one of the build; the test of the index finds it.
+    serde_json::from_str(include_str!("../../styles/index.json")).unwrap_or_default()
+});
+
+/// All styles that can be used: the embedded ones, and those of the user's folders. Images are decoded when first
+/// asked for, and kept.
+#[derive(Debug)]
+pub struct StyleLibrary {
+    entries: Vec<Entry>,
+    decoded: Mutex<HashMap<String, Arc<StyleImage>>>,
+}
+
+#[derive(Debug)]
+struct Entry {
+    info: StyleInfo,
+    source: Source,
+}
+
+#[derive(Debug)]
+enum Source {
+    Embedded(&'static [u8]),
+    File(PathBuf),
+}
+
+impl Default for StyleLibrary {
+    fn default() -> Self {
+        Self::embedded()
+    }
+}
+
+impl StyleLibrary {
+    /// The styles that come with the program, in the gallery's order.
+    pub fn embedded() -> Self {
+        let entries = EMBEDDED_INDEX
+            .iter()
+            .filter_map(|info| {
+                let (_, bytes) = EMBEDDED.iter().find(|(name, _)| *name == info.name)?;
+                Some(Entry { info: info.clone(), source: Source::Embedded(bytes) })
+            })
+            .collect();
+        Self { entries, decoded: Mutex::default() }
+    }
+
+    /// Adds the PNGs of a folder, by file stem, in alphabetical order; a name that is already there is replaced, in its
+    /// place. The files are read when asked for, so a damaged one troubles only who uses it.
+    ///
+    /// # Errors
+    /// [`Error::File`] if the folder cannot be listed.
+    pub fn with_folder(mut self, folder: &Path) -> Result<Self> {
+        let io_error = |error: std::io::Error| Error::io(folder, &error);
+        let mut paths = Vec::new();
+        for entry in fs::read_dir(folder).map_err(io_error)? {
+            let path = entry.map_err(io_error)?.path();
+            let is_png = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+            let is_hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+            if is_png && !is_hidden && path.is_file() {
+                paths.push(path);
+            }
+        }
+        paths.sort();
+        for path in paths {
+            let (Some(stem), Some(file)) = (path.file_stem(), path.file_name()) else { continue };
+            let name = stem.to_string_lossy().into_owned();
+            let info = StyleInfo {
+                name: name.clone(),
+                title: name.clone(),
+                description: format!("Your own style, from {}.", folder.display()),
+                tags: vec!["own".to_owned()],
+                file: file.to_string_lossy().into_owned(),
+            };
+            let entry = Entry { info, source: Source::File(path) };
+            self.decoded.get_mut().unwrap_or_else(PoisonError::into_inner).remove(&name);
+            match self.entries.iter_mut().find(|old| old.info.name == name) {
+                Some(old) => *old = entry,
+                None => self.entries.push(entry),
+            }
+        }
+        Ok(self)
+    }
+
+    /// All names, in the gallery's order.
+    pub fn names(&self) -> Vec<&str> {
+        self.entries.iter().map(|entry| entry.info.name.as_str()).collect()
+    }
+
+    /// All descriptions, in the gallery's order.
+    pub fn infos(&self) -> impl ExactSizeIterator<Item = &StyleInfo> {
+        self.entries.iter().map(|entry| &entry.info)
+    }
+
+    /// The description of one style.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] for an unknown name, with the names that come near.
+    pub fn info(&self, name: &str) -> Result<&StyleInfo> {
+        Ok(&self.entry(name)?.info)
+    }
+
+    /// The image of a style.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] for an unknown name, with the names that come near; [`Error::File`] if the user's file cannot be
+    /// read or is not a square PNG of at least 16 pixels a side.
+    pub fn get(&self, name: &str) -> Result<Arc<StyleImage>> {
+        let entry = self.entry(name)?;
+        let decoded = || self.decoded.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(image) = decoded().get(name) {
+            return Ok(Arc::clone(image));
+        }
+        // Decoded without the lock: two threads may do it twice, none waits for the disk.
+        let image = match &entry.source {
+            Source::Embedded(bytes) => decode(name, bytes, Path::new(&entry.info.file)),
+            Source::File(path) => {
+                fs::read(path).map_err(|error| Error::io(path, &error)).and_then(|bytes| decode(name, &bytes, path))
+            }
+        }?;
+        Ok(Arc::clone(decoded().entry(name.to_owned()).or_insert(Arc::new(image))))
+    }
+
+    fn entry(&self, name: &str) -> Result<&Entry> {
+        self.entries.iter().find(|entry| entry.info.name == name).ok_or_else(|| {
+            let near = self.near(name);
+            let remedy = if near.is_empty() {
+                format!("choose one of {}", self.names().join(", "))
+            } else {
+                format!("did you mean {}?", near.join(" or "))
+            };
+            Error::scene(format!("there is no style \"{name}\""), remedy)
+        })
+    }
+
+    /// Up to three names that differ little from `name` or contain it.
+    fn near(&self, name: &str) -> Vec<&str> {
+        let wanted = name.trim().to_lowercase();
+        let mut near: Vec<(usize, &str)> = self
+            .entries
+            .iter()
+            .map(|entry| entry.info.name.as_str())
+            .filter_map(|known| {
+                let lower = known.to_lowercase();
+                let distance = edit_distance(&wanted, &lower);
+                let contains = wanted.len() >= 3 && (lower.contains(&wanted) || wanted.contains(&lower));
+                (contains || distance <= 1 + wanted.chars().count() / 4).then_some((distance, known))
+            })
+            .collect();
+        near.sort();
+        near.into_iter().take(3).map(|(_, known)| known).collect()
+    }
+}
+
+fn decode(name: &str, bytes: &[u8], path: &Path) -> Result<StyleImage> {
+    let picture = image_out::decode_png_straight(bytes, path)?;
+    StyleImage::from_straight(name, &picture).map_err(|error| match error {
+        Error::Scene { what, remedy } => Error::file(path, what, remedy),
+        other => other,
+    })
+}
+
+/// Levenshtein distance in characters.
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, &y) in b.iter().enumerate() {
+            let substituted = diagonal + usize::from(x != y);
+            diagonal = row[j + 1];
+            row[j + 1] = substituted.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image_out::{PngOptions, save_png};
+
+    /// A picture whose straight red and green are n_x and n_y (0…1), outside the disc blue.
+    fn normals(size: usize) -> Picture {
+        let pixels = (0..size * size)
+            .map(|i| {
+                let uv = [(i % size) as f64 + 0.5, (i / size) as f64 + 0.5].map(|v| v / size as f64);
+                let [x, y] = normal_from_uv(uv, size);
+                if x * x + y * y > 1.0 + 1e-9 { [0.0, 0.0, 1.0, 0.0] } else { [(x * 0.5 + 0.5) as f32, (y * 0.5 + 0.5) as f32, 0.0, 1.0] }
+            })
+            .collect();
+        Picture { width: size, height: size, pixels }
+    }
+
+    fn bilinear(image: &StyleImage, n_xy: [f64; 2]) -> [f64; 4] {
+        let [u, v] = uv_from_normal(n_xy, image.size);
+        let (x, y) = (u * image.size as f64 - 0.5, v * image.size as f64 - 0.5);
+        let texel = |i: f64, j: f64| {
+            let at = |v: f64| (v as usize).min(image.size - 1);
+            image.mips[0][at(j) * image.size + at(i)].map(f64::from)
+        };
+        let (i, j) = (x.floor(), y.floor());
+        let (fx, fy) = (x - i, y - j);
+        std::array::from_fn(|c| {
+            (texel(i, j)[c] * (1.0 - fx) + texel(i + 1.0, j)[c] * fx) * (1.0 - fy)
+                + (texel(i, j + 1.0)[c] * (1.0 - fx) + texel(i + 1.0, j + 1.0)[c] * fx) * fy
+        })
+    }
+
+    #[test]
+    fn the_rim_lands_on_outermost_texel_centers() {
+        for size in [16, 256] {
+            let n = size as f64;
+            assert_eq!(uv_from_normal([1.0, 0.0], size), [(n - 0.5) / n, 0.5]);
+            assert_eq!(uv_from_normal([0.0, 1.0], size), [0.5, 0.5 / n]);
+            assert_eq!(uv_from_normal([0.0, 0.0], size), [0.5, 0.5]);
+            let [x, y] = normal_from_uv(uv_from_normal([0.3, -0.7], size), size);
+            assert!((x - 0.3).abs() < 1e-12 && (y + 0.7).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn normals_come_back_at_every_size() {
+        for size in [16, 100, 256, 257, 512, 1000] {
+            let image = StyleImage::from_straight("n", &normals(size)).unwrap();
+            assert_eq!(image.size, STYLE_SIZE);
+            assert_eq!(image.mips.len(), NUM_STYLE_MIPS);
+            for (level, texels) in image.mips.iter().enumerate() {
+                assert_eq!(texels.len(), (STYLE_SIZE >> level).pow(2));
+                assert!(texels.iter().all(|t| t[2] == 0.0 && (t[3] - 1.0).abs() < 1e-5), "{size}: blue from outside");
+            }
+            // The rim is radially constant beyond the last texel center, a texel of the coarser grid at most.
+            let tolerance = 1.5 / (size.min(256) as f64);
+            for k in 0..48 {
+                let angle = f64::from(k) * 0.131;
+                for r in [0.0, 0.5, 0.9, 1.0] {
+                    let n = [r * angle.cos(), r * angle.sin()];
+                    let [red, green, ..] = bilinear(&image, n);
+                    let tolerance = if r < 0.95 && size >= 256 { 2e-3 } else { tolerance };
+                    assert!((red * 2.0 - 1.0 - n[0]).abs() < 2.0 * tolerance, "{size} {n:?} {red}");
+                    assert!((green * 2.0 - 1.0 - n[1]).abs() < 2.0 * tolerance, "{size} {n:?} {green}");
+                }
+            }
+            // Symmetric, so its mean is the middle.
+            let [r, g, ..] = image.mips[NUM_STYLE_MIPS - 1][0];
+            assert!((r - 0.5).abs() < 1e-3 && (g - 0.5).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn mips_mix_premultiplied() {
+        let mut level = vec![[0.0; 4]; 4];
+        level[0] = [0.8, 0.4, 0.0, 1.0];
+        assert_eq!(mips_of(level, 2)[1], [[0.2, 0.1, 0.0, 0.25]]);
+        assert_eq!(StyleImage::flat("f", [0.1, 0.2, 0.3, 0.5]).mips[NUM_STYLE_MIPS - 1], [[0.1, 0.2, 0.3, 0.5]]);
+    }
+
+    #[test]
+    fn the_index_has_every_style() {
+        let infos: Vec<StyleInfo> = serde_json::from_str(include_str!("../../styles/index.json")).unwrap();
+        let names: Vec<&str> = infos.iter().map(|info| info.name.as_str()).collect();
+        let embedded: Vec<&str> = EMBEDDED.iter().map(|(name, _)| *name).collect();
+        assert_eq!(names, embedded, "run the example make_styles and list the names in embedded![]");
+        let library = StyleLibrary::embedded();
+        assert_eq!(library.names(), names);
+        assert!(names.len() >= 14);
+        for info in library.infos() {
+            assert_eq!(info.file, format!("{}.png", info.name));
+            assert!(!info.title.is_empty() && !info.description.is_empty() && !info.tags.is_empty());
+            let image = library.get(&info.name).unwrap();
+            assert!(Arc::ptr_eq(&image, &library.get(&info.name).unwrap()));
+            assert!(image.mips.iter().flatten().flatten().all(|v| (0.0..=1.0).contains(v)), "{}", info.name);
+            assert!(image.mips.iter().flatten().all(|t| t[..3].iter().all(|c| *c <= t[3])));
+        }
+        for (name, bytes) in EMBEDDED {
+            assert!(bytes.len() < 150_000, "{name}: {} bytes", bytes.len());
+        }
+    }
+
+    #[test]
+    fn light_comes_from_the_top_left() {
+        let library = StyleLibrary::embedded();
+        for name in ["porcelain", "bone", "skin", "muscle", "clay", "brain", "wax"] {
+            let image = library.get(name).unwrap();
+            let light = |n: [f64; 2]| bilinear(&image, n)[..3].iter().sum::<f64>();
+            assert!(light([-0.5, 0.5]) > 1.3 * light([0.5, -0.5]), "{name}");
+        }
+    }
+
+    #[test]
+    fn transparent_styles_are_clear_in_the_middle() {
+        let library = StyleLibrary::embedded();
+        for name in ["chalk", "glass", "xray"] {
+            let image = library.get(name).unwrap();
+            let opacity = |n: [f64; 2]| bilinear(&image, n)[3];
+            assert!(opacity([0.1, -0.1]) < 0.15 && opacity([0.69, -0.69]) > 0.6, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_folder_adds_and_shadows() {
+        let folder = tempfile::tempdir().unwrap();
+        let save = |name: &str, width: u32, height: u32, pixel: [f32; 4]| {
+            let pixels = vec![pixel; (width * height) as usize];
+            save_png(&folder.path().join(name), width, height, &pixels, &PngOptions::default()).unwrap();
+        };
+        save("ink.png", 16, 16, [1.0, 0.0, 0.0, 1.0]);
+        save("Mine.PNG", 64, 64, [0.0, 0.5, 0.0, 0.5]);
+        save("wide.png", 64, 32, [0.0; 4]);
+        save("tiny.png", 15, 15, [0.0; 4]);
+        fs::write(folder.path().join("broken.png"), b"no").unwrap();
+        fs::write(folder.path().join("notes.txt"), b"no").unwrap();
+
+        let count = StyleLibrary::embedded().names().len();
+        let library = StyleLibrary::embedded().with_folder(folder.path()).unwrap();
+        let names = library.names();
+        assert_eq!(names.len(), count + 4, "{names:?}");
+        assert_eq!(&names[count..], ["Mine", "broken", "tiny", "wide"]);
+        assert_eq!(library.get("ink").unwrap().mips[0][9000], [1.0, 0.0, 0.0, 1.0]);
+        assert_eq!(library.info("ink").unwrap().tags, ["own"]);
+        let mine = library.get("Mine").unwrap();
+        assert!((mine.mips[3][5][3] - 128.0 / 255.0).abs() < 1e-6);
+        let message = |name: &str| library.get(name).unwrap_err().to_string();
+        assert!(message("wide").contains("64 × 32") && message("wide").ends_with("wide.png)"));
+        assert!(message("tiny").contains("at least 16"));
+        assert!(message("broken").contains("not a whole PNG"));
+        assert!(StyleLibrary::embedded().with_folder(&folder.path().join("none")).is_err());
+    }
+
+    #[test]
+    fn an_unknown_name_is_answered_with_near_ones() {
+        let library = StyleLibrary::embedded();
+        let message = |name: &str| library.get(name).unwrap_err().to_string();
+        assert_eq!(message("porcelan"), "there is no style \"porcelan\"; did you mean porcelain?");
+        assert!(message("Muscle").contains("did you mean muscle"));
+        let all = message("zzzzzzzzzz");
+        assert!(all.contains("choose one of") && all.contains("ink") && all.contains("clay"), "{all}");
+        assert_eq!(edit_distance("kitten", "sitting"), 3);
+    }
+}

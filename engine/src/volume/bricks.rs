@@ -1,0 +1,127 @@
+//! Bricks of 8³ voxels: the smallest and largest value in each, and how far the nearest brick is that a transfer
+//! function shows. The march leaps over what is empty with the second; the first is made once per volume.
+
+use rayon::prelude::*;
+
+use super::{Voxel, Voxels};
+use crate::with_voxels;
+
+/// Edge of a brick in voxels.
+pub const BRICK: usize = 8;
+
+/// Smallest and largest stored number of each brick, with the border of one voxel that trilinear interpolation
+/// reaches into: brick b answers for positions from 8b − ½ to 8b + 7½.
+#[derive(Clone, Debug)]
+pub struct MinMaxBricks {
+    /// Number of bricks along x, y, z.
+    pub dims: [usize; 3],
+    /// (min, max) per brick, x fastest, in stored numbers.
+    pub ranges: Vec<(f64, f64)>,
+}
+
+impl MinMaxBricks {
+    /// Of gap-free voxels (see [`fill_no_data`](super::no_data::fill_no_data)) on a grid of `dims`.
+    pub fn compute(voxels: &Voxels, dims: [usize; 3]) -> Self {
+        let bricks = dims.map(|n| n.div_ceil(BRICK));
+        let mut ranges = vec![(0.0, 0.0); bricks[0] * bricks[1] * bricks[2]];
+        with_voxels!(voxels, v => {
+            ranges.par_chunks_mut(bricks[0] * bricks[1]).enumerate().for_each(|(bz, layer)| {
+                for (i, range) in layer.iter_mut().enumerate() {
+                    *range = brick_range(v, dims, [i % bricks[0], i / bricks[0], bz]);
+                }
+            });
+        });
+        Self { dims: bricks, ranges }
+    }
+
+    /// Smallest and largest stored number of all.
+    pub fn range(&self) -> (f64, f64) {
+        self.ranges.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)))
+    }
+
+    /// Chebyshev distance, in bricks, of each brick to the nearest one that `is_occupied` (given its range of stored
+    /// numbers); 0 = occupied itself, 255 = that far or farther, or nothing is occupied.
+    pub fn distances(&self, is_occupied: impl Fn(f64, f64) -> bool) -> Vec<u8> {
+        let mut distance: Vec<u8> =
+            self.ranges.iter().map(|&(lo, hi)| if is_occupied(lo, hi) { 0 } else { u8::MAX }).collect();
+        let [nx, ny, nz] = self.dims.map(|n| n as isize);
+        // Two chamfer sweeps with weight 1 for all 26 neighbors are exact for the Chebyshev metric.
+        let half: Vec<[isize; 3]> = (-1..=1)
+            .flat_map(|z| (-1..=1).flat_map(move |y| (-1..=1).map(move |x| [x, y, z])))
+            .take_while(|&o| o != [0, 0, 0])
+            .collect();
+        let mut relax = |x: isize, y: isize, z: isize, sign: isize| {
+            let at = |x: isize, y: isize, z: isize| (x + nx * (y + ny * z)) as usize;
+            let mut best = distance[at(x, y, z)];
+            for [ox, oy, oz] in &half {
+                let (px, py, pz) = (x + sign * ox, y + sign * oy, z + sign * oz);
+                if (0..nx).contains(&px) && (0..ny).contains(&py) && (0..nz).contains(&pz) {
+                    best = best.min(distance[at(px, py, pz)].saturating_add(1));
+                }
+            }
+            distance[at(x, y, z)] = best;
+        };
+        for z in 0..nz {
+            for y in 0..ny {
+                for x in 0..nx {
+                    relax(x, y, z, 1);
+                }
+            }
+        }
+        for z in (0..nz).rev() {
+            for y in (0..ny).rev() {
+                for x in (0..nx).rev() {
+                    relax(x, y, z, -1);
+                }
+            }
+        }
+        distance
+    }
+}
+
+fn brick_range<T: Voxel>(voxels: &[T], dims: [usize; 3], brick: [usize; 3]) -> (f64, f64) {
+    let from = brick.map(|b| (b * BRICK).saturating_sub(1));
+    let to: [usize; 3] = std::array::from_fn(|i| (brick[i] * BRICK + BRICK + 1).min(dims[i]));
+    let first = voxels[from[0] + dims[0] * (from[1] + dims[1] * from[2])];
+    let (mut lo, mut hi) = (first, first);
+    for z in from[2]..to[2] {
+        for y in from[1]..to[1] {
+            let row = dims[0] * (y + dims[1] * z);
+            for &s in &voxels[row + from[0]..row + to[0]] {
+                lo = if s < lo { s } else { lo };
+                hi = if s > hi { s } else { hi };
+            }
+        }
+    }
+    (lo.to_f64(), hi.to_f64())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bricks_include_their_border() {
+        let dims = [17, 9, 8];
+        let mut v = vec![0i16; 17 * 9 * 8];
+        v[8] = 7; // x = 8: inside brick 1, on the border of brick 0
+        let bricks = MinMaxBricks::compute(&Voxels::I16(v), dims);
+        assert_eq!(bricks.dims, [3, 2, 1]);
+        assert_eq!(bricks.ranges.iter().map(|r| r.1).collect::<Vec<_>>(), [7.0, 7.0, 0.0, 7.0, 7.0, 0.0]);
+        assert_eq!(bricks.range(), (0.0, 7.0));
+    }
+
+    #[test]
+    fn distances_are_chebyshev() {
+        let dims = [40, 32, 24];
+        let mut v = vec![0u8; 40 * 32 * 24];
+        v[4 + 40 * (4 + 32 * 4)] = 1;
+        let bricks = MinMaxBricks::compute(&Voxels::U8(v), dims);
+        let distance = bricks.distances(|_, hi| hi > 0.0);
+        for (i, d) in distance.iter().enumerate() {
+            let expected = (i % 5).max(i / 5 % 4).max(i / 20);
+            assert_eq!(usize::from(*d), expected, "brick {i}");
+        }
+        assert!(bricks.distances(|_, _| false).iter().all(|&d| d == 255));
+    }
+}

@@ -1,0 +1,36 @@
+// Group 1: the object that is drawn: its volume, look and skip map.
+
+struct Object {
+    // Columns take a world direction (mm) to index space.
+    index_from_world_x: vec3f,
+    // d₀, mm.
+    reference_length: f32,
+    index_from_world_y: vec3f,
+    // Texel value of the transfer function's first entry, and entries per texel unit.
+    transfer_first: f32,
+    index_from_world_z: vec3f,
+    transfer_scale: f32,
+    // Columns take a texel gradient per voxel of the gradient texture to ĝ = g/G in the world.
+    world_from_gradient_x: vec3f,
+    pad0: f32,
+    world_from_gradient_y: vec3f,
+    pad1: f32,
+    world_from_gradient_z: vec3f,
+    pad2: f32,
+    // Largest index-space coordinate of the box: number of voxels − ½.
+    box_max: vec3f,
+    pad3: f32,
+    // 1 / number of voxels.
+    texel_scale: vec3f,
+    pad4: f32,
+}
+
+@group(1) @binding(0) var<uniform> object: Object;
+@group(1) @binding(1) var volume: texture_3d<f32>;
+@group(1) @binding(2) var gradient_volume: texture_3d<f32>;
+@group(1) @binding(3) var volume_sampler: sampler;
+@group(1) @binding(4) var skip_map: texture_3d<u32>;
+@group(1) @binding(5) var transfer_function: texture_2d<f32>;
+@group(1) @binding(6) var node_layers: texture_2d<u32>;
+@group(1) @binding(7) var styles: texture_2d_array<f32>;
+@group(1) @binding(8) var style_sampler: sampler;

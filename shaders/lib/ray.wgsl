@@ -1,0 +1,55 @@
+// Rays: from the picture's pixel into index space, and where the samples lie on them.
+#import bind/frame
+#import bind/object
+
+struct Ray {
+    // Index-space point on the near plane, and index-space direction per mm.
+    origin: vec3f,
+    direction: vec3f,
+    // Unit direction in the world.
+    world_direction: vec3f,
+    // Eye depth gained per mm along the ray: the cosine to the view axis.
+    depth_per_mm: f32,
+}
+
+// Screen coordinates are in half picture heights from the center, y up, so that the field of view is vertical.
+// Origins come from a near plane that f64 code on the CPU put at the front of the object: an eye 1e6 object sizes
+// away costs no precision here.
+fn ray_from_pixel(pixel: vec2u) -> Ray {
+    let size = vec2f(frame.image_size);
+    let center = vec2f(pixel) + 0.5;
+    let screen = vec2f(2.0 * center.x - size.x, size.y - 2.0 * center.y) / size.y;
+    let along = frame.forward + screen.x * frame.forward_dx + screen.y * frame.forward_dy;
+    let per_mm = 1.0 / length(along);
+    let world = along * per_mm;
+    let index = object.index_from_world_x * world.x + object.index_from_world_y * world.y
+        + object.index_from_world_z * world.z;
+    let origin = frame.near_origin + screen.x * frame.near_dx + screen.y * frame.near_dy;
+    return Ray(origin, index, world, per_mm);
+}
+
+// Distances in mm at which the ray enters and leaves the box −½ … box_max, from the near plane on;
+// leave ≤ enter: missed.
+fn intersect_box(origin: vec3f, direction: vec3f, box_max: vec3f) -> vec2f {
+    // A ray parallel to a face is inside its pair of faces everywhere or nowhere: no division by 0, no NaN.
+    let parallel = abs(direction) < vec3f(1e-30);
+    let inside = (origin >= vec3f(-0.5)) & (origin <= box_max);
+    let inverse = 1.0 / select(direction, vec3f(1.0), parallel);
+    let a = (vec3f(-0.5) - origin) * inverse;
+    let b = (box_max - origin) * inverse;
+    let far = vec3f(3e38);
+    let never = select(far, -far, inside);
+    let enter = select(min(a, b), never, parallel);
+    let leave = select(max(a, b), -never, parallel);
+    return vec2f(max(max(enter.x, enter.y), max(enter.z, 0.0)), min(min(leave.x, leave.y), leave.z));
+}
+
+// A sample belongs to the span that contains it: the number of k ≥ 0 with (k+½)·step inside it.
+fn samples_between(span: vec2f, step: f32) -> u32 {
+    return u32(clamp(ceil((span.y - span.x) / step - 0.5), 0.0, 16777216.0));
+}
+
+// From the index, never accumulated: the same sample is the same position with and without skipping.
+fn sample_position(first: vec3f, stride: vec3f, k: u32) -> vec3f {
+    return first + (f32(k) + 0.5) * stride;
+}

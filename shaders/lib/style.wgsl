@@ -1,0 +1,50 @@
+// Lit-sphere styles (thesis §3.3): the normal, seen along the ray, picks a color and directional opacity.
+#import bind/frame
+#import bind/object
+
+// Below this share of G a gradient is rounding noise of the 16-bit copy: no surface.
+const NO_SURFACE: f32 = 1e-5;
+
+struct Axes {
+    right: vec3f,
+    up: vec3f,
+}
+
+// The camera's axes turned by the smallest rotation that takes the view axis to the ray, so that the rim of the
+// sphere is where the surface turns away from the *ray*, everywhere in a perspective picture.
+fn ray_frame(ray: vec3f) -> Axes {
+    let view = normalize(frame.forward);
+    let half_way = (view + ray) / (1.0 + dot(view, ray));
+    return Axes(frame.right - dot(frame.right, ray) * half_way, frame.up - dot(frame.up, ray) * half_way);
+}
+
+// Mip level at an eye depth: a pixel that covers 2^l voxels reads level l.
+fn style_level(depth: f32) -> f32 {
+    return log2(max(1.0, frame.footprint + depth * frame.footprint_growth));
+}
+
+// Premultiplied color and α_d of a node coordinate at a sample with gradient ĝ.
+fn shade(node: f32, g: vec3f, ray: vec3f, axes: Axes, level: f32) -> vec4f {
+    let magnitude = length(g);
+    // Outward: towards lower values. Towards the eye: the whole vector, not only its depth.
+    let outward = -g / max(magnitude, 1e-30);
+    let n = select(outward, -outward, dot(outward, ray) > 0.0);
+    let has_surface = magnitude > NO_SURFACE;
+    let n_xy = select(vec2f(0.0), vec2f(dot(n, axes.right), dot(n, axes.up)), has_surface);
+    let uv = style_uv(n_xy);
+    let first = floor(node);
+    let a = textureSampleLevel(styles, style_sampler, uv, node_layer(i32(first)), level);
+    let b = textureSampleLevel(styles, style_sampler, uv, node_layer(i32(ceil(node))), level);
+    return mix(a, b, node - first);
+}
+
+// |n_xy| = 1 lands on the outermost texel centers of the disc.
+fn style_uv(n_xy: vec2f) -> vec2f {
+    let on_disc = n_xy / max(1.0, length(n_xy));
+    let size = f32(textureDimensions(styles).x);
+    return 0.5 + vec2f(on_disc.x, -on_disc.y) * (0.5 - 0.5 / size);
+}
+
+fn node_layer(node: i32) -> u32 {
+    return textureLoad(node_layers, vec2i(node, 0), 0).x;
+}
