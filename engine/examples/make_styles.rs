@@ -68,7 +68,7 @@ const STYLES: &[Style] = &[
 
 /// Towards the key light: above, left, in front.
 fn key() -> DVec3 {
-    DVec3::new(-0.52, 0.60, 0.61).normalize()
+    DVec3::new(-0.57, 0.64, 0.51).normalize()
 }
 
 /// Towards the fill light: right, a little in front.
@@ -131,7 +131,8 @@ fn highlight(n: DVec3, light: DVec3, roughness: f64, f0: f64) -> f64 {
 /// Rolls values above 0.75 off towards 1 and lets strong lights lose saturation, as film and pigment do.
 fn shoulder(c: DVec3) -> DVec3 {
     const KNEE: f64 = 0.75;
-    let roll = |x: f64| if x <= KNEE { x.max(0.0) } else { KNEE + (1.0 - KNEE) * (1.0 - (-(x - KNEE) / (1.0 - KNEE)).exp()) };
+    let roll =
+        |x: f64| if x <= KNEE { x.max(0.0) } else { KNEE + (1.0 - KNEE) * (1.0 - (-(x - KNEE) / (1.0 - KNEE)).exp()) };
     let peak = c.max_element();
     let bleached = if peak > 1.0 { c.lerp(DVec3::splat(peak), ((peak - 1.0) * 0.35).min(0.6)) } else { c };
     DVec3::new(roll(bleached.x), roll(bleached.y), roll(bleached.z))
@@ -143,9 +144,11 @@ fn studio(reflected: DVec3, blur: f64) -> DVec3 {
     let edge = 0.03 + 0.5 * blur;
     let height = reflected.y;
     let sky = hex("dfe6ee").lerp(hex("7f93a8"), smoothstep(0.0, 1.0, height));
-    let floor = hex("2a2522").lerp(hex("b5a594"), smoothstep(-0.02 - 0.1 * blur, -0.9, height));
+    let floor = hex("2a2522").lerp(hex("b5a594"), smoothstep(-0.02 - 0.1 * blur, -1.2, height));
     let room = floor.lerp(sky, smoothstep(-edge, edge, height + 0.06));
-    let strip = smoothstep(0.60 - edge, 0.66 + edge, reflected.x) * smoothstep(-0.75 - edge, -0.6 + edge, height) * smoothstep(0.0, 0.5, reflected.z + 0.75);
+    let strip = smoothstep(0.60 - edge, 0.66 + edge, reflected.x)
+        * smoothstep(-0.75 - edge, -0.6 + edge, height)
+        * smoothstep(0.0, 0.5, reflected.z + 0.75);
     room + KEY_COLOR * 2.4 * softbox(reflected, 0.55, 0.45, edge) + FILL_COLOR * 0.7 * strip
 }
 
@@ -182,6 +185,8 @@ struct Material {
     sheen: f64,
     /// Rim light from behind.
     rim: DVec3,
+    /// Light scattered along the terminator: the red seam between light and shadow on skin.
+    seam: DVec3,
     /// How much the last tenth of the disc darkens towards a saturated shade: the contour.
     edge: f64,
     ambient: f64,
@@ -191,32 +196,34 @@ impl Material {
     fn matte(code: &str) -> Self {
         Self {
             albedo: hex(code),
-            wrap: DVec3::splat(0.25),
+            wrap: DVec3::splat(0.12),
             glow: DVec3::ZERO,
+            seam: DVec3::ZERO,
             roughness: 0.6,
             gloss: 0.0,
             sheen: 0.0,
             rim: DVec3::new(0.75, 0.86, 1.0) * 0.22,
             edge: 0.45,
-            ambient: 0.20,
+            ambient: 0.085,
         }
     }
 
     fn shade(&self, n: DVec3) -> DVec4 {
         let (k, f) = (key(), fill());
         let cosine = n.dot(k);
-        let direct = DVec3::new(wrapped(cosine, self.wrap.x), wrapped(cosine, self.wrap.y), wrapped(cosine, self.wrap.z));
-        let fill_light = wrapped(n.dot(f), 0.4) * 0.16;
+        let direct =
+            DVec3::new(wrapped(cosine, self.wrap.x), wrapped(cosine, self.wrap.y), wrapped(cosine, self.wrap.z));
+        let fill_light = wrapped(n.dot(f), 0.2) * 0.05;
         let hemisphere = GROUND.lerp(SKY, 0.5 + 0.5 * n.y) * self.ambient * (0.75 + 0.25 * n.y);
-        let floor_bounce = GROUND * 0.07 * (-n.y).max(0.0).powi(2);
+        let floor_bounce = GROUND * 0.06 * (-n.y).max(0.0).powi(2);
         // Light that bounces within shadows is colored once more each time: shadows are richer, not grayer.
         let shadow = 1.0 - direct.element_sum() / 3.0;
         let albedo = pow(self.albedo, 1.0 + 0.30 * shadow.clamp(0.0, 1.0));
-        let mut color = albedo * (KEY_COLOR * direct * 0.98 + FILL_COLOR * fill_light + hemisphere + floor_bounce);
+        let mut color = albedo * (KEY_COLOR * direct * 1.06 + FILL_COLOR * fill_light + hemisphere + floor_bounce);
 
         // Through the body: strongest opposite the light, where the body is thin.
         let through = smoothstep(-0.2, 1.0, -cosine) * (0.35 + 0.65 * radius(n).powi(3));
-        color += self.glow * through;
+        color += self.glow * through + self.seam * (-((cosine + 0.06) / 0.26).powi(2)).exp();
 
         // Contour: saturated and dark, less so where the key meets the rim.
         let rim_position = smoothstep(0.80, 1.0, radius(n));
@@ -225,14 +232,16 @@ impl Material {
 
         // Rim light sits inside the contour, at the lower right.
         let behind = DVec2::new(0.74, -0.67).dot(n.truncate());
-        let band = smoothstep(0.55, 0.90, radius(n)) * smoothstep(1.02, 0.93, radius(n));
-        color += self.rim * band * smoothstep(0.25, 0.95, behind) * (0.35 + 0.65 * self.albedo);
+        let band = smoothstep(0.74, 0.94, radius(n)) * smoothstep(1.02, 0.95, radius(n));
+        color += self.rim * band * smoothstep(0.25, 0.95, behind) * self.albedo * (0.35 + 0.80 * self.albedo);
 
         if self.gloss > 0.0 {
             let specular = highlight(n, k, self.roughness, self.gloss) * 1.1
-                + highlight(n, f, self.roughness * 1.2, self.gloss) * 0.12;
-            let reflection = studio(reflect(n), self.roughness) * (self.gloss + (1.0 - self.gloss) * fresnel(n) * 0.5) * (1.0 - 0.8 * contour);
-            color += KEY_COLOR * specular.min(3.0) + reflection * (1.0 - self.roughness) * 0.8;
+                + highlight(n, f, (self.roughness * 1.7).min(0.6), self.gloss) * 0.16;
+            // Tissue is never a mirror: of the room only broad sky and floor are left, and those at the rim.
+            let mirror = (0.35 * self.gloss + 0.40 * fresnel(n)) * (1.0 - self.roughness) * (1.0 - 0.8 * contour);
+            color +=
+                KEY_COLOR * specular.min(3.0) + GROUND.lerp(SKY, smoothstep(-0.9, 0.9, reflect(n).y)) * 0.45 * mirror;
         }
         if self.sheen > 0.0 {
             color += KEY_COLOR * self.sheen * highlight(n, k, 0.55, 0.06);
@@ -265,152 +274,170 @@ fn noise(p: DVec2) -> f64 {
 // --- Materials ---
 
 fn plaster(n: DVec3) -> DVec4 {
-    Material { edge: 0.42, ambient: 0.24, wrap: DVec3::new(0.32, 0.28, 0.24), ..Material::matte("eeeae3") }.shade(n)
+    Material { wrap: DVec3::new(0.2, 0.17, 0.14), ambient: 0.11, edge: 0.4, ..Material::matte("f4f0e8") }.shade(n)
 }
 
 fn clay(n: DVec3) -> DVec4 {
-    Material { gloss: 0.02, roughness: 0.62, wrap: DVec3::new(0.28, 0.22, 0.18), ..Material::matte("b59a84") }.shade(n)
+    Material {
+        wrap: DVec3::new(0.2, 0.16, 0.12),
+        gloss: 0.02,
+        roughness: 0.62,
+        edge: 0.42,
+        ..Material::matte("a8978a")
+    }
+    .shade(n)
 }
 
 fn porcelain(n: DVec3) -> DVec4 {
-    let body = Material { wrap: DVec3::splat(0.45), ambient: 0.30, edge: 0.5, ..Material::matte("e9edf0") }.shade(n).truncate();
+    let body = Material { wrap: DVec3::splat(0.26), ambient: 0.16, edge: 0.5, ..Material::matte("f4f6f7") }
+        .shade(n)
+        .truncate();
     let reflected = reflect(n);
     let (u, v) = softbox_coordinates(reflected);
-    // A window with a cross bar, and its dim twin in the room behind.
+    // A window with a cross bar, and the soft light of the room opposite.
     let bars = smoothstep(0.025, 0.055, u.abs()) * smoothstep(0.025, 0.055, v.abs());
     let window = softbox(reflected, 0.42, 0.48, 0.035) * bars;
-    let mirror = 0.045 + 0.6 * fresnel(n);
-    let second = highlight(n, DVec3::new(0.72, -0.42, 0.55).normalize(), 0.22, 0.05) * 0.15;
-    let color = body * (1.0 - mirror) + studio(reflected, 0.12) * mirror + DVec3::splat(window * 0.85 + second);
+    let mirror = 0.03 + 0.55 * fresnel(n);
+    let opposite = highlight(n, DVec3::new(0.80, -0.35, 0.45).normalize(), 0.34, 0.05) * 0.22;
+    let color = body * (1.0 - mirror) + studio(reflected, 0.7) * mirror + DVec3::splat(window * 0.85) + SKY * opposite;
     shoulder(color).extend(1.0)
 }
 
 fn bone(n: DVec3) -> DVec4 {
     Material {
-        wrap: DVec3::new(0.42, 0.30, 0.18),
-        glow: hex("8a4f22") * 0.10,
-        gloss: 0.025,
-        roughness: 0.52,
+        seam: hex("d07a3a") * 0.05,
+        wrap: DVec3::new(0.32, 0.22, 0.12),
+        glow: hex("8a4f22") * 0.08,
+        gloss: 0.028,
+        roughness: 0.46,
+        sheen: 0.3,
         edge: 0.55,
-        ..Material::matte("ebdcbb")
+        ambient: 0.095,
+        ..Material::matte("efe4cd")
     }
     .shade(n)
 }
 
 fn cartilage(n: DVec3) -> DVec4 {
     Material {
-        wrap: DVec3::new(0.35, 0.5, 0.65),
-        glow: hex("9cc4d6") * 0.18,
-        gloss: 0.045,
-        roughness: 0.30,
-        sheen: 0.8,
-        ambient: 0.24,
+        wrap: DVec3::new(0.15, 0.3, 0.42),
+        glow: hex("7fb6cc") * 0.16,
+        gloss: 0.05,
+        roughness: 0.26,
+        sheen: 0.9,
+        ambient: 0.115,
         edge: 0.45,
-        ..Material::matte("c4d6dc")
+        ..Material::matte("c9dbe0")
     }
     .shade(n)
 }
 
 fn skin(n: DVec3) -> DVec4 {
     Material {
-        wrap: DVec3::new(0.62, 0.26, 0.14),
-        glow: hex("b0301c") * 0.10,
-        gloss: 0.028,
-        roughness: 0.46,
-        sheen: 0.25,
+        seam: hex("e0402c") * 0.13,
+        wrap: DVec3::new(0.46, 0.18, 0.10),
+        glow: hex("b0301c") * 0.09,
+        gloss: 0.03,
+        roughness: 0.42,
+        sheen: 0.35,
         edge: 0.5,
-        ..Material::matte("e6b394")
+        ambient: 0.09,
+        ..Material::matte("f0bd9e")
     }
     .shade(n)
 }
 
 fn skin_deep(n: DVec3) -> DVec4 {
     Material {
-        wrap: DVec3::new(0.50, 0.24, 0.16),
-        glow: hex("7c2414") * 0.10,
-        gloss: 0.04,
-        roughness: 0.40,
-        sheen: 0.9,
-        rim: DVec3::new(0.55, 0.75, 1.0) * 0.32,
+        seam: hex("b83a20") * 0.05,
+        wrap: DVec3::new(0.36, 0.16, 0.08),
+        glow: hex("7c2414") * 0.08,
+        gloss: 0.045,
+        roughness: 0.36,
+        sheen: 1.0,
+        rim: DVec3::new(0.55, 0.75, 1.0) * 0.7,
         edge: 0.45,
-        ..Material::matte("8a5638")
+        ..Material::matte("8f5a3b")
     }
     .shade(n)
 }
 
 fn muscle(n: DVec3) -> DVec4 {
     Material {
-        wrap: DVec3::new(0.45, 0.15, 0.15),
-        glow: hex("a01810") * 0.10,
-        gloss: 0.045,
-        roughness: 0.24,
-        sheen: 1.1,
-        rim: DVec3::new(0.9, 0.7, 0.85) * 0.28,
+        wrap: DVec3::new(0.4, 0.08, 0.08),
+        glow: hex("a01810") * 0.08,
+        gloss: 0.06,
+        roughness: 0.25,
+        sheen: 2.0,
+        rim: DVec3::new(1.0, 0.75, 0.8) * 0.5,
         edge: 0.5,
-        ..Material::matte("ad3b34")
+        ..Material::matte("bf3d36")
     }
     .shade(n)
 }
 
 fn organ(n: DVec3) -> DVec4 {
     Material {
-        wrap: DVec3::new(0.40, 0.2, 0.2),
-        glow: hex("6a1a18") * 0.12,
-        gloss: 0.045,
-        roughness: 0.30,
-        sheen: 1.4,
-        rim: DVec3::new(0.75, 0.8, 1.0) * 0.34,
+        wrap: DVec3::new(0.34, 0.12, 0.14),
+        glow: hex("6a1a18") * 0.10,
+        gloss: 0.06,
+        roughness: 0.32,
+        sheen: 2.2,
+        rim: DVec3::new(0.85, 0.85, 1.0) * 0.6,
         edge: 0.45,
-        ..Material::matte("86473d")
+        ..Material::matte("8d4436")
     }
     .shade(n)
 }
 
 fn brain(n: DVec3) -> DVec4 {
     Material {
-        wrap: DVec3::new(0.55, 0.36, 0.36),
-        glow: hex("b5505a") * 0.10,
-        gloss: 0.03,
-        roughness: 0.34,
-        sheen: 0.5,
-        edge: 0.55,
-        ..Material::matte("d9b3ab")
+        seam: hex("c83c46") * 0.06,
+        wrap: DVec3::new(0.42, 0.22, 0.24),
+        glow: hex("b5505a") * 0.09,
+        gloss: 0.035,
+        roughness: 0.3,
+        sheen: 0.6,
+        edge: 0.6,
+        ambient: 0.10,
+        ..Material::matte("e2beb5")
     }
     .shade(n)
 }
 
 fn fat(n: DVec3) -> DVec4 {
     Material {
-        wrap: DVec3::new(0.65, 0.5, 0.25),
-        glow: hex("d98a1e") * 0.14,
-        gloss: 0.04,
-        roughness: 0.42,
-        sheen: 0.5,
+        wrap: DVec3::new(0.55, 0.36, 0.1),
+        glow: hex("d98a1e") * 0.12,
+        gloss: 0.045,
+        roughness: 0.36,
+        sheen: 0.6,
         edge: 0.42,
-        ..Material::matte("f0cf72")
+        ambient: 0.095,
+        ..Material::matte("f6d678")
     }
     .shade(n)
 }
 
 fn tube(code: &str, glow: &str, roughness: f64) -> Material {
     Material {
-        wrap: DVec3::splat(0.3),
-        glow: hex(glow) * 0.14,
-        gloss: 0.05,
+        wrap: DVec3::splat(0.16),
+        glow: hex(glow) * 0.12,
+        gloss: 0.06,
         roughness,
-        sheen: 0.6,
-        rim: DVec3::new(0.9, 0.93, 1.0) * 0.34,
+        sheen: 1.0,
+        rim: DVec3::new(0.9, 0.93, 1.0) * 0.5,
         edge: 0.55,
         ..Material::matte(code)
     }
 }
 
 fn vessel(n: DVec3) -> DVec4 {
-    tube("d8231c", "c01008", 0.19).shade(n)
+    tube("d8231c", "c01008", 0.22).shade(n)
 }
 
 fn vein(n: DVec3) -> DVec4 {
-    tube("3f6fc0", "2a4fae", 0.19).shade(n)
+    tube("4274c8", "2a4fae", 0.22).shade(n)
 }
 
 fn nerve(n: DVec3) -> DVec4 {
@@ -423,14 +450,15 @@ fn lymph(n: DVec3) -> DVec4 {
 
 fn wax(n: DVec3) -> DVec4 {
     Material {
-        wrap: DVec3::new(0.95, 0.62, 0.30),
-        glow: hex("d8741c") * 0.34,
-        gloss: 0.035,
-        roughness: 0.36,
-        sheen: 0.4,
-        edge: 0.28,
-        ambient: 0.16,
-        ..Material::matte("e0a860")
+        seam: hex("ff8a2a") * 0.12,
+        wrap: DVec3::new(1.0, 0.52, 0.16),
+        glow: hex("ff9a2c") * 0.75,
+        gloss: 0.045,
+        roughness: 0.3,
+        sheen: 0.7,
+        edge: 0.16,
+        ambient: 0.09,
+        ..Material::matte("f3bf72")
     }
     .shade(n)
 }
@@ -440,11 +468,14 @@ fn wax(n: DVec3) -> DVec4 {
 /// Reflects the studio; metals color what they reflect, and less so at grazing angles.
 fn metal(n: DVec3, tint: DVec3, blur: f64, contrast: f64) -> DVec4 {
     let room = studio(reflect(n), blur);
-    let middle = DVec3::splat(0.42);
-    let room = (middle + (room - middle) * contrast).max(DVec3::splat(0.012));
+    // A blue sky in yellow metal is olive: the more color the metal has, the more neutral the room.
+    let gray = DVec3::splat(room.dot(DVec3::new(0.2126, 0.7152, 0.0722)));
+    let room = room.lerp(gray, (1.0 - tint.min_element() / tint.max_element()).clamp(0.0, 1.0));
+    // Contrast around middle gray, as a power: a difference would clip the horizon to a hard bar.
+    let room = 0.42 * pow(room / 0.42, contrast);
     let reflectance = tint + (DVec3::ONE - tint) * fresnel(n) * 0.6;
     let glint = highlight(n, key(), 0.10 + 0.5 * blur, 0.9) * 0.25;
-    let edge = 1.0 - 0.55 * smoothstep(0.90, 1.0, radius(n));
+    let edge = 1.0 - 0.75 * smoothstep(0.90, 1.0, radius(n));
     shoulder((room * reflectance + KEY_COLOR.lerp(tint, 0.3) * glint) * edge).extend(1.0)
 }
 
@@ -453,15 +484,15 @@ fn chrome(n: DVec3) -> DVec4 {
 }
 
 fn steel(n: DVec3) -> DVec4 {
-    metal(n, hex("c3c9d0"), 0.34, 1.0)
+    metal(n, hex("a9b0b8"), 0.80, 1.45)
 }
 
 fn brass(n: DVec3) -> DVec4 {
-    metal(n, hex("e9bc57"), 0.16, 1.05)
+    metal(n, hex("efb84e"), 0.24, 1.10)
 }
 
 fn bronze(n: DVec3) -> DVec4 {
-    metal(n, hex("b97a48"), 0.40, 0.95)
+    metal(n, hex("ad6b42"), 0.60, 1.25)
 }
 
 // --- Drawing ---
@@ -485,37 +516,45 @@ fn ink(n: DVec3) -> DVec4 {
 }
 
 fn engraving(n: DVec3) -> DVec4 {
-    let dark = (1.0 - tone(n)).powf(1.1);
-    // Lines run around an axis that leans from the light, so that they bend with the form.
+    let dark = 1.0 - tone(n);
+    // Lines run around an axis that leans towards the viewer, so that they bend with the form.
     let line = |axis: DVec3, count: f64, amount: f64| {
         let phase = n.dot(axis.normalize()).clamp(-1.0, 1.0).acos() / PI * count;
         let distance = (phase - phase.round()).abs() * 2.0;
-        smoothstep(amount + 0.10, amount - 0.10, distance) * smoothstep(0.02, 0.10, amount)
+        smoothstep(amount + 0.12, amount - 0.12, distance) * smoothstep(0.01, 0.12, amount)
     };
-    let first = line(DVec3::new(0.55, 0.80, 0.25), 34.0, 0.95 * smoothstep(0.06, 1.0, dark));
-    let second = line(DVec3::new(-0.80, 0.50, 0.30), 34.0, 0.80 * smoothstep(0.45, 1.1, dark));
-    let covered = 1.0 - (1.0 - first) * (1.0 - second) * (1.0 - contour(n, 0.018, 0.05));
+    let first = line(DVec3::new(0.50, 0.84, -0.28), 27.0, 0.86 * smoothstep(0.04, 0.95, dark));
+    let second = line(DVec3::new(-0.80, 0.50, -0.30), 27.0, 0.62 * smoothstep(0.62, 1.0, dark));
+    let covered = 1.0 - (1.0 - first) * (1.0 - second) * (1.0 - contour(n, 0.018, 0.06));
     hex("fbf5e6").lerp(hex("2a211b"), covered).extend(1.0)
 }
 
 fn pencil(n: DVec3) -> DVec4 {
     let p = n.truncate() * 128.0;
-    let along = DVec2::new(0.64, 0.77);
-    let across = along.perp();
-    let strokes = noise(DVec2::new(p.dot(along) / 22.0, p.dot(across) / 2.6));
-    let crossed = noise(DVec2::new(p.dot(DVec2::new(0.94, 0.34)) / 20.0 + 40.0, p.dot(DVec2::new(-0.34, 0.94)) / 2.8));
-    let tooth = 0.6 * noise(p / 2.1) + 0.4 * noise(p / 4.3 + 90.0);
+    // Strokes of a slightly blunt lead: long cells along the stroke, tooth of the paper across all of them.
+    let stroke = |angle: f64, offset: f64| {
+        let turned = DVec2::from_angle(angle).rotate(p);
+        let row = (turned.y / 3.4).floor();
+        noise(DVec2::new(turned.x / 26.0 + 17.0 * hash(row as i64, 5), turned.y / 1.7 + offset))
+    };
+    let tooth = 0.65 * noise(p / 1.35) + 0.35 * noise(p / 2.9 + 90.0);
     let dark = 1.0 - tone(n);
     // Layers of graphite: each begins at a darker tone, which gives the steps.
+    let layers = [
+        (0.10, 0.34, stroke(-0.80, 0.0)),
+        (0.34, 0.42, stroke(-0.62, 50.0)),
+        (0.58, 0.52, stroke(-1.15, 90.0)),
+        (0.80, 0.60, tooth),
+    ];
     let mut covered = 0.0;
-    for (begin, strength, grain) in [(0.10, 0.30, strokes), (0.34, 0.34, crossed), (0.58, 0.42, strokes), (0.78, 0.45, tooth)] {
-        let pressure = smoothstep(begin - 0.06, begin + 0.20, dark);
-        let deposit = strength * pressure * smoothstep(0.20, 0.85, 0.55 * grain + 0.45 * tooth + 0.25 * pressure);
+    for (begin, strength, grain) in layers {
+        let pressure = smoothstep(begin - 0.08, begin + 0.24, dark);
+        let deposit = strength * pressure * smoothstep(0.10, 0.80, 0.45 * grain + 0.40 * tooth + 0.30 * pressure);
         covered = 1.0 - (1.0 - covered) * (1.0 - deposit);
     }
-    let line = contour(n, 0.020, 0.055) * (0.45 + 0.5 * tooth);
+    let line = contour(n, 0.020, 0.055) * (0.50 + 0.45 * tooth);
     covered = 1.0 - (1.0 - covered) * (1.0 - line * 0.85);
-    hex("faf8f3").lerp(hex("33343a"), covered.min(0.95)).extend(1.0)
+    hex("fbf9f4").lerp(hex("2b2c32"), covered.min(0.96)).extend(1.0)
 }
 
 /// Pigment on paper by absorption (Beer-Lambert): twice the wash is the square of its color.
@@ -532,7 +571,7 @@ fn sepia(n: DVec3) -> DVec4 {
     let second = smoothstep(0.48, 0.90, dark + 0.14 * bloom);
     let gathered = smoothstep(0.86, 0.995, radius(n)).powi(2) * (0.35 + 0.65 * dark);
     let density = 0.06 + 0.42 * first + 0.85 * second + 0.95 * gathered;
-    wash(hex("a9683a"), density * (1.0 + 0.18 * bloom) * 1.35).extend(1.0)
+    wash(hex("9a6a45"), density * (1.0 + 0.18 * bloom) * 1.35).extend(1.0)
 }
 
 fn cartoon(n: DVec3) -> DVec4 {
@@ -553,39 +592,42 @@ fn cartoon(n: DVec3) -> DVec4 {
 
 fn cool_warm(n: DVec3) -> DVec4 {
     let t = 0.5 + 0.5 * n.dot(key());
-    let cool = hex("31508f");
-    let middle = hex("b9a79a");
-    let warm = hex("ffdf9a");
-    let color = if t < 0.5 { cool.lerp(middle, smoothstep(0.0, 1.0, t * 2.0)) } else { middle.lerp(warm, smoothstep(0.0, 1.0, t * 2.0 - 1.0)) };
-    let gloss = highlight(n, key(), 0.30, 0.05);
-    let edge = contour_soft(n, 0.10);
-    shoulder((color + DVec3::splat(gloss)).lerp(hex("1b2547"), 0.8 * edge)).extend(1.0)
-}
-
-/// A soft edge within the last `width` of the disc.
-fn contour_soft(n: DVec3, width: f64) -> f64 {
-    smoothstep(1.0 - width, 1.0 - 0.25 * width, radius(n))
+    let (cool, middle, warm) = (hex("2c4fa3"), hex("a99aa6"), hex("ffd98a"));
+    let color = if t < 0.55 {
+        cool.lerp(middle, smoothstep(0.05, 0.55, t))
+    } else {
+        middle.lerp(warm, smoothstep(0.55, 1.0, t))
+    };
+    let gloss = highlight(n, key(), 0.28, 0.05);
+    let edge = smoothstep(0.90, 0.975, radius(n));
+    shoulder((color + DVec3::splat(gloss)).lerp(hex("161f45"), 0.8 * edge)).extend(1.0)
 }
 
 fn blueprint(n: DVec3) -> DVec4 {
-    let light = wrapped(n.dot(key()), 0.6);
-    let base = hex("12336b").lerp(hex("3d6cb0"), 0.75 * light);
-    let glow = 0.35 * (1.0 - n.z).powi(3);
-    let color = base.lerp(hex("9cc1ee"), glow);
-    color.lerp(hex("f3f8ff"), 0.95 * smoothstep(0.90, 0.945, radius(n))).extend(1.0)
+    let light = wrapped(n.dot(key()), 0.5);
+    let color = hex("0f2f66").lerp(hex("3a6ab2"), 0.85 * light).lerp(hex("7fa9e0"), 0.25 * fresnel(n));
+    color.lerp(hex("f3f8ff"), 0.96 * smoothstep(0.925, 0.945, radius(n))).extend(1.0)
 }
 
 // --- Transparent ---
 
 fn chalk(n: DVec3) -> DVec4 {
     let p = n.truncate() * 128.0;
-    let grain = 0.5 * noise(p / 2.0 + 11.0) + 0.3 * noise(p / 4.5) + 0.2 * noise(DVec2::new(p.dot(DVec2::new(0.7, 0.7)) / 18.0, p.dot(DVec2::new(-0.7, 0.7)) / 3.0));
+    let grain = 0.5 * noise(p / 2.0 + 11.0)
+        + 0.3 * noise(p / 4.5)
+        + 0.2 * noise(DVec2::new(p.dot(DVec2::new(0.7, 0.7)) / 18.0, p.dot(DVec2::new(-0.7, 0.7)) / 3.0));
     let rim = radius(n).powf(7.0);
     let lit = 0.16 * wrapped(n.dot(key()), 0.2).powi(2) * smoothstep(0.25, 0.75, radius(n));
     let pressure = (rim + lit).min(1.0);
     // Little pressure leaves chalk on the tooth of the board only.
     let deposit = pressure * (0.55 + 0.45 * smoothstep(0.75 - pressure, 1.05 - 0.75 * pressure, grain + 0.25));
     hex("fbfaf5").extend(deposit.clamp(0.0, 1.0))
+}
+
+/// Opacity of a thin shell: its path length grows as the view grazes it. About 0 in the middle, nearly 1 at the rim.
+fn shell(n: DVec3, density: f64) -> f64 {
+    const SOFT: f64 = 0.13;
+    1.0 - (-density * (1.0 / (n.z + SOFT) - 0.95 / (1.0 + SOFT))).exp()
 }
 
 /// `over` on top of `under`, both straight.
@@ -600,9 +642,9 @@ fn composite(over: DVec4, under: DVec4) -> DVec4 {
 fn glass(n: DVec3) -> DVec4 {
     let reflected = reflect(n);
     // The wall's path length: thin in the middle, long at the rim.
-    let wall = 1.0 - (-0.075 / (n.z + 0.055)).exp();
-    let body = hex("8fb9c4").lerp(hex("e9f6f8"), smoothstep(0.80, 0.99, radius(n))).extend(wall);
-    let dark_line = hex("3f6470").extend(0.45 * smoothstep(0.93, 1.0, radius(n)) * smoothstep(0.6, -0.4, n.dot(key())));
+    let wall = 0.05 + 0.95 * shell(n, 0.20);
+    let body = hex("6aa3b2").lerp(hex("d9eff3"), smoothstep(0.82, 0.97, radius(n))).extend(wall);
+    let dark_line = hex("2c5562").extend(0.7 * smoothstep(0.93, 1.0, radius(n)) * smoothstep(0.6, -0.4, n.dot(key())));
     let (u, v) = softbox_coordinates(reflected);
     let bars = smoothstep(0.02, 0.06, u.abs()) * smoothstep(0.02, 0.06, v.abs());
     let window = DVec3::ONE.extend(0.92 * softbox(reflected, 0.40, 0.46, 0.05) * bars);
@@ -614,15 +656,13 @@ fn glass(n: DVec3) -> DVec4 {
 }
 
 fn xray(n: DVec3) -> DVec4 {
-    let density = 1.0 - (-0.085 / (n.z + 0.03)).exp();
-    let color = hex("3f7fc4").lerp(hex("e6f4ff"), smoothstep(0.25, 0.95, density));
-    color.extend(density)
+    let density = shell(n, 0.60);
+    hex("2a6cc4").lerp(hex("c4e6ff"), smoothstep(0.15, 0.92, density)).extend(density)
 }
 
 fn smoke(n: DVec3) -> DVec4 {
-    let density = 1.0 - (-0.10 / (n.z + 0.06)).exp();
     let light = wrapped(n.dot(key()), 0.8);
-    hex("23262e").lerp(hex("6d7480"), 0.7 * light).extend(density)
+    hex("1d2028").lerp(hex("7d8592"), 0.7 * light).extend(0.92 * shell(n, 0.55))
 }
 
 // --- Pictures ---
@@ -778,7 +818,8 @@ fn contact_sheet(styles: &[StyleImage], path: &Path) -> Result<()> {
             for (y, bits) in glyph(letter).into_iter().enumerate() {
                 for x in (0..5).filter(|x| bits >> (4 - x) & 1 == 1) {
                     for (dx, dy) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-                        let (column, row) = (left + 12 * k + 2 * x + dx, top + PANEL + 5 + 2 * y + dy);
+                        let descent = if matches!(letter, 'g' | 'p' | 'y') { 4 } else { 0 };
+                        let (column, row) = (left + 12 * k + 2 * x + dx, top + PANEL + 5 + descent + 2 * y + dy);
                         pixels[row * width + column] = hex("3a3733");
                     }
                 }
@@ -802,14 +843,21 @@ fn main() -> Result<()> {
         let premultiplied: Vec<[f32; 4]> = picture.pixels.iter().copied().map(premultiplied_from_straight).collect();
         let options = PngOptions {
             dpi: 72.0,
-            text: vec![("Title".to_owned(), title.to_owned()), ("Software".to_owned(), "Fabrica make_styles".to_owned())],
+            text: vec![
+                ("Title".to_owned(), title.to_owned()),
+                ("Software".to_owned(), "Fabrica make_styles".to_owned()),
+            ],
             ..PngOptions::default()
         };
         let size = STYLE_SIZE as u32;
         save_png(&folder.join(format!("{name}.png")), size, size, &premultiplied, &options)?;
         // The sheet shows the 8-bit picture, as all others will see it.
         let codes = premultiplied.iter().map(|&pixel| straight_srgb8_from_premultiplied_linear(pixel));
-        let pixels = codes.map(|[r, g, b, a]| [linear_from_srgb8(r), linear_from_srgb8(g), linear_from_srgb8(b), f32::from(a) / 255.0]).collect();
+        let pixels = codes
+            .map(|[r, g, b, a]| {
+                [linear_from_srgb8(r), linear_from_srgb8(g), linear_from_srgb8(b), f32::from(a) / 255.0]
+            })
+            .collect();
         loaded.push(StyleImage::from_straight(name, &Picture { pixels, ..picture })?);
         infos.push(StyleInfo {
             name: name.to_owned(),
@@ -820,7 +868,8 @@ fn main() -> Result<()> {
         });
     }
     let index = folder.join("index.json");
-    let json = serde_json::to_string_pretty(&infos).map_err(|error| Error::file(&index, error.to_string(), "report this"))?;
+    let json =
+        serde_json::to_string_pretty(&infos).map_err(|error| Error::file(&index, error.to_string(), "report this"))?;
     save_atomic(&index, |file| {
         std::io::Write::write_all(file, format!("{json}\n").as_bytes()).map_err(|error| Error::io(&index, &error))
     })?;

@@ -127,7 +127,7 @@ impl CodeTable {
     fn code(&self, linear: f32) -> u8 {
         const FIRST: f32 = f32::from_bits(FIRST_EXPONENT << 23);
         const LAST: f32 = 1.0_f32.next_down();
-        // max and min drop NaN, so the index is in range for every bit pattern.
+        #[expect(clippy::manual_clamp, reason = "max drops NaN, so that the index is in range for every bit pattern")]
         let x = linear.max(FIRST).min(LAST);
         let cell = ((x.to_bits() - (FIRST_EXPONENT << 23)) >> (23 - CELL_BITS)) as usize;
         self.base[cell] + u8::from(x >= self.threshold[cell])
@@ -191,6 +191,9 @@ mod tests {
         assert_eq!(straight_srgb8_from_premultiplied_linear([1e-4, 1e-4, 1e-4, 1e-3]), [0; 4]);
         assert_eq!(straight_srgb8_from_premultiplied_linear([2.0, -1.0, 0.5, 0.5]), [255, 0, 255, 128]);
         assert_eq!(straight_from_premultiplied([0.3, 0.2, 0.1, 0.0]), [0.0; 4]);
-        assert_eq!(straight_from_premultiplied(premultiplied_from_straight([0.5, 0.25, 1.0, 0.5])), [0.5, 0.25, 1.0, 0.5]);
+        assert_eq!(
+            straight_from_premultiplied(premultiplied_from_straight([0.5, 0.25, 1.0, 0.5])),
+            [0.5, 0.25, 1.0, 0.5]
+        );
     }
 }

@@ -7,11 +7,14 @@ pub mod gpu;
 pub mod image_out;
 pub mod pass;
 pub mod progress;
+pub mod read;
 pub mod render;
 pub mod scene;
 pub mod spaces;
+pub mod specimen;
 pub mod styles;
 pub mod volume;
+pub mod volume_out;
 
 pub use error::{Error, Result};
 pub use progress::Progress;

@@ -145,9 +145,8 @@ fn resample(texels: &[[f32; 4]], old_size: usize, new_size: usize) -> Vec<[f32; 
             std::array::from_fn(|c| sum[c] + w * t[c])
         })
     };
-    let narrowed: Vec<[f32; 4]> = (0..old_size * new_size)
-        .map(|i| mix(&taps[i % new_size], &|k| texels[i / new_size * old_size + k]))
-        .collect();
+    let narrowed: Vec<[f32; 4]> =
+        (0..old_size * new_size).map(|i| mix(&taps[i % new_size], &|k| texels[i / new_size * old_size + k])).collect();
     (0..new_size * new_size).map(|i| mix(&taps[i / new_size], &|k| narrowed[k * new_size + i % new_size])).collect()
 }
 
@@ -179,7 +178,44 @@ macro_rules! embedded {
     };
 }
 
-embedded![];
+embedded![
+    "plaster",
+    "clay",
+    "porcelain",
+    "bone",
+    "cartilage",
+    "skin",
+    "skin_deep",
+    "muscle",
+    "organ",
+    "brain",
+    "fat",
+    "vessel",
+    "vein",
+    "nerve",
+    "lymph",
+    "wax",
+    "steel",
+    "chrome",
+    "brass",
+    "bronze",
+    "ink",
+    "engraving",
+    "pencil",
+    "sepia",
+    "cartoon",
+    "cool_warm",
+    "blueprint",
+    "chalk",
+    "glass",
+    "xray",
+    "smoke",
+    "unshaded",
+    "unshaded_red",
+    "unshaded_ochre",
+    "unshaded_green",
+    "unshaded_blue",
+];
 
 static EMBEDDED_INDEX: LazyLock<Vec<StyleInfo>> = LazyLock::new(|| {
     // A fault here is one of the build; the test of the index finds it.
@@ -367,7 +403,11 @@ mod tests {
             .map(|i| {
                 let uv = [(i % size) as f64 + 0.5, (i / size) as f64 + 0.5].map(|v| v / size as f64);
                 let [x, y] = normal_from_uv(uv, size);
-                if x * x + y * y > 1.0 + 1e-9 { [0.0, 0.0, 1.0, 0.0] } else { [(x * 0.5 + 0.5) as f32, (y * 0.5 + 0.5) as f32, 0.0, 1.0] }
+                if x * x + y * y > 1.0 + 1e-9 {
+                    [0.0, 0.0, 1.0, 0.0]
+                } else {
+                    [(x * 0.5 + 0.5) as f32, (y * 0.5 + 0.5) as f32, 0.0, 1.0]
+                }
             })
             .collect();
         Picture { width: size, height: size, pixels }

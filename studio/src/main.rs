@@ -1,2 +1,5 @@
-//! m
-fn main(){}
+//! `fabrica`: see `fabrica --help`.
+
+fn main() -> std::process::ExitCode {
+    fabrica_studio::cli::main(std::env::args_os())
+}

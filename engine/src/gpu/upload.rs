@@ -8,7 +8,6 @@ use super::context::GpuContext;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::scene::Object;
-use crate::volume::bricks::MinMaxBricks;
 use crate::volume::no_data::fill_no_data;
 use crate::volume::prefilter::Prefilter;
 use crate::volume::{Volume, Voxel, Voxels};
@@ -45,8 +44,6 @@ pub struct ResidentVolume {
     pub validity: Option<wgpu::TextureView>,
     /// Whether the adapter filters these formats.
     pub filtered: bool,
-    /// Ranges of stored numbers, for the skip map.
-    pub bricks: MinMaxBricks,
     /// G: ‖g‖ (data units per mm) that counts as a full edge.
     pub gradient_max: f64,
     /// Voxels that are no number.
@@ -89,8 +86,7 @@ impl ResidentVolume {
         check_limits(context, volume)?;
         let filled = fill_no_data(volume);
         let voxels = filled.voxels.as_ref();
-        let bricks = MinMaxBricks::compute(voxels, dims);
-        let range = bricks.range();
+        let range = volume.bricks().range();
         let (texel, encoding) = choose_encoding(context, voxels, range);
 
         let sigma = sigma_voxels(volume, object.gradient_scale_mm);
@@ -150,7 +146,6 @@ impl ResidentVolume {
             validity,
             filtered: texel == Texel::Unorm16 || context.formats.r32_filterable,
             gradient_max: crate::volume::gradient::gradient_max(volume, voxels),
-            bricks,
             num_gaps: filled.num_gaps(),
         })
     }

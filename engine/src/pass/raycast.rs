@@ -232,14 +232,14 @@ impl RaycastPass {
         let device = &context.device;
         let volume = &object.volume;
         let grid = volume.grid;
-        let stored = resident.bricks.range();
+        let stored = volume.bricks().range();
         let span = ((stored.1 - stored.0) * volume.rescale.slope).abs();
         let table = TransferTable::new(&object.transfer_function, volume.rescale, resident.encoding, span);
         let distances = if skip_empty {
             let texel = |stored| resident.encoding.texel(stored);
-            resident.bricks.distances(|low, high| table.shows(texel(low), texel(high)))
+            volume.bricks().distances(|low, high| table.shows(texel(low), texel(high)))
         } else {
-            vec![0; resident.bricks.ranges.len()]
+            vec![0; volume.bricks().ranges.len()]
         };
 
         let uniform = object_uniform(object, resident, &table);
@@ -251,7 +251,7 @@ impl RaycastPass {
         let skip_map = small_texture(
             context,
             "skip map",
-            extent(resident.bricks.dims),
+            extent(volume.bricks().dims),
             wgpu::TextureDimension::D3,
             wgpu::TextureFormat::R8Uint,
             &distances,

@@ -9,6 +9,8 @@ pub mod nifti;
 pub mod nrrd;
 pub mod raw;
 mod stream;
+#[cfg(test)]
+mod testing;
 
 use std::path::Path;
 
@@ -186,4 +188,67 @@ fn absurd_size(path: &Path, dims: &[u64]) -> Error {
         format!("the header promises {} voxels, more than any file holds", dims.join(" x ")),
         "the header is damaged: copy or download it again",
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::testing::{ElementType, Endian, Folder, NiftiFile, Phantom, gzip};
+    use super::*;
+
+    #[test]
+    fn content_decides_before_the_name() {
+        let folder = Folder::new();
+        let nifti = NiftiFile::new(1, &Phantom::oriented("RAS"), ElementType::U8, Endian::Little).bytes();
+        // Compressed although the name does not say so, uncompressed although it does, no or a wrong ending.
+        for (name, bytes) in [
+            ("a.nii", gzip(&nifti)),
+            ("a.nii.gz", nifti.clone()),
+            ("a", nifti.clone()),
+            ("a.nrrd", gzip(&nifti)),
+            ("A.NII.GZ", gzip(&nifti)),
+        ] {
+            let volume = folder.read(name, &bytes).unwrap();
+            Phantom::assert_in_world(&volume);
+            assert_eq!(volume.source.as_deref(), Some(folder.path().join(name).as_path()));
+        }
+    }
+
+    #[test]
+    fn what_is_no_volume_is_refused_with_a_sentence() {
+        let folder = Folder::new();
+        assert!(folder.refusal("a.txt", b"hello").contains("no volume in a format that Fabrica reads: NIfTI (.nii"));
+        assert!(folder.refusal("a.nii", b"").contains("the file is empty"));
+        assert!(folder.refusal("a.nii.bz2", b"BZh91AY&SY").contains("compressed with bzip2"));
+        assert!(folder.refusal("a.nii", &[7; 1024]).contains("this is no NIfTI file"));
+        assert!(folder.refusal("a.nii.gz", b"\x1f\x8b").contains("ends after 0 of the 348 bytes"));
+        assert!(folder.refusal("a.nrrd", &[7; 1024]).contains("this is no NRRD file"));
+        assert!(folder.refusal("a.raw", &[7; 1024]).contains("--raw 256x256x128xuint16,0.5x0.5x1,big"));
+        let none = read_volume(Path::new("/no/such.nii"), &ReadOptions::default(), &Progress::new()).unwrap_err();
+        assert!(none.to_string().contains("no such file"), "{none}");
+        let here = read_volume(folder.path(), &ReadOptions::default(), &Progress::new()).unwrap_err();
+        assert!(here.to_string().contains("this is a folder"), "{here}");
+    }
+
+    #[test]
+    fn cancelling_stops() {
+        let folder = Folder::new();
+        let nifti = NiftiFile::new(1, &Phantom::oriented("RAS"), ElementType::U8, Endian::Little).bytes();
+        let path = folder.write("a.nii", &nifti);
+        let progress = Progress::new();
+        progress.cancel();
+        let error = read_volume(&path, &ReadOptions::default(), &progress).unwrap_err();
+        assert!(matches!(error, Error::Cancelled));
+    }
+
+    #[test]
+    fn progress_ends_at_its_total() {
+        let folder = Folder::new();
+        let nifti = NiftiFile::new(1, &Phantom::oriented("RAS"), ElementType::U8, Endian::Little).bytes();
+        for bytes in [gzip(&nifti), nifti] {
+            let path = folder.write("a.nii", &bytes);
+            let progress = Progress::new();
+            read_volume(&path, &ReadOptions::default(), &progress).unwrap();
+            assert_eq!(progress.snapshot(), ("reading".to_owned(), 412, 412));
+        }
+    }
 }

@@ -558,3 +558,286 @@ fn missing_partner(path: &Path, missing: &Path) -> Error {
     let name = missing.file_name().unwrap_or_default().to_string_lossy().into_owned();
     Error::file(path, format!("the other half of this pair, {name}, is missing"), "put both files into one folder")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{
+        ALL_TYPES, Folder, NiftiFile, Phantom, all_orientations, encode, gzip, read, read_frame, torture,
+    };
+    use super::*;
+    use crate::volume::Voxels;
+
+    fn plain(letters: &str) -> NiftiFile {
+        NiftiFile::new(1, &Phantom::oriented(letters), ElementType::U8, Endian::Little)
+    }
+
+    #[test]
+    fn every_orientation_by_sform_and_by_qform() {
+        let folder = Folder::new();
+        for letters in all_orientations() {
+            let phantom = Phantom::oriented(&letters);
+            for version in [1, 2] {
+                let file = NiftiFile::new(version, &phantom, ElementType::I16, Endian::Little);
+                for file in [file.clone(), file.with_qform(phantom.world_from_index)] {
+                    let volume = folder.read("a.nii", &file.bytes()).unwrap();
+                    assert_eq!(volume.grid.orientation_letters(), letters);
+                    assert_eq!(volume.warnings, Vec::<String>::new());
+                    Phantom::assert_in_world(&volume);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_type_version_and_byte_order() {
+        let folder = Folder::new();
+        let phantom = Phantom::oriented("PIR");
+        for element in ALL_TYPES {
+            for (version, endian) in [(1, Endian::Little), (1, Endian::Big), (2, Endian::Little), (2, Endian::Big)] {
+                let bytes = NiftiFile::new(version, &phantom, element, endian).bytes();
+                for bytes in [gzip(&bytes), bytes] {
+                    let volume = folder.read("a.nii", &bytes).unwrap();
+                    Phantom::assert_in_world(&volume);
+                    assert_eq!(volume.voxels.bytes_per_voxel(), element.num_bytes());
+                    assert_eq!(volume.format, format!("NIfTI-{version}"));
+                }
+            }
+        }
+        let negative = NiftiFile {
+            voxels: encode(&[-5.0; 60], ElementType::I16, Endian::Big),
+            ..NiftiFile::new(1, &phantom, ElementType::I16, Endian::Big)
+        };
+        assert_eq!(folder.read("a.nii", &negative.bytes()).unwrap().voxels, Voxels::I16(vec![-5; 60]));
+    }
+
+    #[test]
+    fn an_oblique_sheared_matrix_is_kept() {
+        let mut file = plain("RAS");
+        file.srow = [[0.9, 0.1, 0.0, -1.0], [-0.1, 0.9, 0.5, 2.0], [0.0, 0.0, 3.0, 3.0]];
+        let grid = Folder::new().read("a.nii", &file.bytes()).unwrap().grid;
+        let p = grid.world_from_index().transform_point3(DVec3::new(1.0, 2.0, 3.0));
+        assert!((p - DVec3::new(0.1, 5.2, 12.0)).length() < 1e-6, "{p}");
+    }
+
+    #[test]
+    fn sform_before_qform_with_a_warning_where_they_differ() {
+        let folder = Folder::new();
+        let phantom = Phantom::oriented("LPS");
+        let mut file = plain("LPS");
+        let with_qform = |shift_mm: f64| {
+            let mut moved = phantom.world_from_index;
+            moved.translation.x += shift_mm;
+            NiftiFile { sform_code: 1, ..plain("LPS").with_qform(moved) }
+        };
+        let same = folder.read("a.nii", &with_qform(1e-3).bytes()).unwrap();
+        assert_eq!(same.warnings, Vec::<String>::new());
+        let moved = folder.read("a.nii", &with_qform(12.0).bytes()).unwrap();
+        Phantom::assert_in_world(&moved);
+        assert!(moved.warnings[0].contains("differ by up to 12.0 mm; the sform is used"), "{:?}", moved.warnings);
+        // A code without a matrix: the qform, or a refusal.
+        let empty = NiftiFile { srow: [[0.0; 4]; 3], ..with_qform(0.0) };
+        let volume = folder.read("a.nii", &empty.bytes()).unwrap();
+        Phantom::assert_in_world(&volume);
+        assert!(volume.warnings[0].contains("the qform is used"));
+        file.srow[1][2] = f64::NAN;
+        assert!(folder.refusal("a.nii", &file.bytes()).contains("sform matrix"));
+    }
+
+    #[test]
+    fn voxel_sizes_alone_place_the_volume_like_analyze() {
+        let folder = Folder::new();
+        let mut file = plain("RAS");
+        file.sform_code = 0;
+        file.pixdim = [0.0, 2.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0];
+        let volume = folder.read("a.nii", &file.bytes()).unwrap();
+        assert_eq!(volume.grid.orientation_letters(), "LAS");
+        assert_eq!(volume.grid.spacing_mm(), DVec3::new(2.0, 3.0, 4.0));
+        let middle = volume.grid.world_from_index().transform_point3(DVec3::new(2.0, 1.5, 1.0));
+        assert_eq!(middle, DVec3::ZERO);
+        assert!(volume.warnings[0].contains("left and right may be swapped"));
+        file.pixdim = [0.0, 0.0, -3.0, 4.0, 0.0, 0.0, 0.0, 0.0];
+        let volume = folder.read("a.nii", &file.bytes()).unwrap();
+        assert_eq!(volume.grid.spacing_mm(), DVec3::new(1.0, 3.0, 4.0));
+        assert!(volume.warnings.iter().any(|w| w.contains("1 mm is assumed")), "{:?}", volume.warnings);
+        assert!(volume.warnings.iter().any(|w| w.contains("sign is ignored")), "{:?}", volume.warnings);
+        for broken in [f64::NAN, f64::INFINITY] {
+            file.pixdim[2] = broken;
+            assert!(folder.refusal("a.nii", &file.bytes()).contains("voxel size in the header is not a finite number"));
+        }
+    }
+
+    #[test]
+    fn units_become_millimeters() {
+        let folder = Folder::new();
+        for (units, factor) in [(0, 1.0), (1, 1000.0), (2, 1.0), (3, 1e-3), (2 | 8, 1.0)] {
+            let phantom = Phantom::oriented("ASR");
+            let base = NiftiFile { units, ..plain("ASR") };
+            for file in [base.clone(), base.with_qform(phantom.world_from_index)] {
+                let got = folder.read("a.nii", &file.bytes()).unwrap().grid.world_from_index();
+                let expected = phantom.world_from_index;
+                assert!((got.matrix3.col(0) - expected.matrix3.col(0) * factor).length() < 1e-6 * factor);
+                assert!((got.translation - expected.translation * factor).length() < 1e-5 * factor);
+            }
+        }
+    }
+
+    #[test]
+    fn slope_and_intercept() {
+        let folder = Folder::new();
+        let rescale = |slope, inter| {
+            let volume = folder.read("a.nii", &NiftiFile { slope, inter, ..plain("RAS") }.bytes()).unwrap();
+            (volume.rescale, volume.warnings.len())
+        };
+        assert_eq!(rescale(2.0, -1024.0), (Rescale { slope: 2.0, intercept: -1024.0 }, 0));
+        assert_eq!(rescale(-0.5, 3.0), (Rescale { slope: -0.5, intercept: 3.0 }, 0));
+        assert_eq!(rescale(0.0, 7.0), (Rescale::IDENTITY, 0));
+        assert_eq!(rescale(f64::NAN, 0.0), (Rescale::IDENTITY, 1));
+        assert_eq!(rescale(1.0, f64::INFINITY), (Rescale::IDENTITY, 1));
+    }
+
+    #[test]
+    fn one_frame_of_several() {
+        let folder = Folder::new();
+        for endian in [Endian::Little, Endian::Big] {
+            let mut file = NiftiFile::new(2, &Phantom::oriented("RAS"), ElementType::I16, endian);
+            file.dim = [5, 5, 4, 3, 2, 3, 1, 1];
+            let frames: Vec<f64> = (0..6).flat_map(|f| (0..60).map(move |i| f64::from(100 * f + i))).collect();
+            file.voxels = encode(&frames, ElementType::I16, endian);
+            for bytes in [gzip(&file.bytes()), file.bytes()] {
+                let path = folder.write("a.nii", &bytes);
+                for frame in 0..6 {
+                    let volume = read_frame(&path, frame).unwrap();
+                    assert_eq!(volume.num_frames, 6);
+                    assert_eq!(volume.value(4, 3, 2), (100 * frame + 59) as f64);
+                    assert_eq!(volume.value(0, 0, 0), (100 * frame) as f64);
+                }
+                let refusal = read_frame(&path, 6).unwrap_err().to_string();
+                assert!(refusal.contains("there is no frame 6: the file has 6 frames; choose 0 to 5"), "{refusal}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_voxels_begin_where_the_header_says() {
+        let folder = Folder::new();
+        for vox_offset in [0.0, 352.0, 368.0, 5000.0] {
+            let file = NiftiFile { vox_offset, ..plain("SAR") };
+            Phantom::assert_in_world(&folder.read("a.nii", &file.bytes()).unwrap());
+            Phantom::assert_in_world(&folder.read("a.nii", &gzip(&file.bytes())).unwrap());
+        }
+        for vox_offset in [-352.0, 100.0, 352.5, 1e18, 3e38, f64::NAN, f64::INFINITY] {
+            let bytes = NiftiFile { vox_offset: 352.0, ..plain("SAR") }.bytes();
+            let mut bytes = bytes;
+            bytes[108..112].copy_from_slice(&(vox_offset as f32).to_le_bytes());
+            let refusal = folder.refusal("a.nii", &bytes);
+            assert!(refusal.contains("where they cannot be") || refusal.contains("promises"), "{refusal}");
+        }
+    }
+
+    #[test]
+    fn pairs_are_read_from_either_half() {
+        let folder = Folder::new();
+        let file = NiftiFile { magic: *b"ni1\0", vox_offset: 0.0, ..plain("PIL") };
+        let header = folder.write("a.hdr", &file.header());
+        assert!(read(&header).unwrap_err().to_string().contains("a.img, is missing"));
+        let image = folder.write("a.img", &file.voxels);
+        for path in [&header, &image] {
+            let volume = read(path).unwrap();
+            Phantom::assert_in_world(&volume);
+            assert_eq!(volume.format, "NIfTI-1 pair");
+        }
+        std::fs::remove_file(&image).unwrap();
+        folder.write("a.img.gz", &gzip(&file.voxels));
+        Phantom::assert_in_world(&read(&header).unwrap());
+        let alone = folder.refusal("b.nii", &file.bytes());
+        assert!(alone.contains("not named .hdr"), "{alone}");
+        let image = folder.write("c.img", &file.voxels);
+        assert!(read(&image).unwrap_err().to_string().contains("c.hdr, is missing"));
+        let analyze = NiftiFile { magic: [0; 4], ..file }.header();
+        folder.write("d.img", &[0; 60]);
+        assert!(folder.refusal("d.hdr", &analyze).contains("Analyze 7.5"));
+    }
+
+    #[test]
+    fn types_that_are_no_scalars_are_named() {
+        let folder = Folder::new();
+        for (datatype, name) in [
+            (1, "single bits"),
+            (32, "complex64"),
+            (128, "RGB24"),
+            (1536, "128-bit"),
+            (1792, "complex128"),
+            (2304, "RGBA32"),
+        ] {
+            let refusal = folder.refusal("a.nii", &NiftiFile { datatype, ..plain("RAS") }.bytes());
+            assert!(refusal.contains(name), "{refusal}");
+        }
+        for datatype in [0, 3, -4, 255] {
+            let refusal = folder.refusal("a.nii", &NiftiFile { datatype, ..plain("RAS") }.bytes());
+            assert!(refusal.contains(&format!("the voxel type {datatype} is none")), "{refusal}");
+        }
+    }
+
+    #[test]
+    fn hostile_sizes_are_refused_before_any_allocation() {
+        let folder = Folder::new();
+        let cases: [([i64; 8], &str); 9] = [
+            ([3, 32767, 32767, 32767, 1, 1, 1, 1], "promises"),
+            ([7, 32767, 32767, 32767, 32767, 32767, 32767, 32767], "more than any file holds"),
+            ([3, 0, 4, 3, 1, 1, 1, 1], "0 voxels for dimension 1"),
+            ([3, 5, -4, 3, 1, 1, 1, 1], "-4 voxels for dimension 2"),
+            ([4, 5, 4, 3, -1, 1, 1, 1], "-1 voxels for dimension 4"),
+            ([0, 5, 4, 3, 1, 1, 1, 1], "promises 0 dimensions"),
+            ([8, 5, 4, 3, 1, 1, 1, 1], "promises 8 dimensions"),
+            ([-3, 5, 4, 3, 1, 1, 1, 1], "promises -3 dimensions"),
+            ([3, 5, 4, 4, 1, 1, 1, 1], "promises 432 bytes, but the file ends after 412"),
+        ];
+        for (dim, expected) in cases {
+            let refusal = folder.refusal("a.nii", &NiftiFile { dim, ..plain("RAS") }.bytes());
+            assert!(refusal.contains(expected), "{refusal}");
+        }
+        let wide = NiftiFile::new(2, &Phantom::oriented("RAS"), ElementType::F64, Endian::Little);
+        for dim in [[3, i64::MAX, i64::MAX, 2, 1, 1, 1, 1], [3, 1 << 40, 1 << 20, 1, 1, 1, 1, 1]] {
+            for bytes in [gzip(&NiftiFile { dim, ..wide.clone() }.bytes()), NiftiFile { dim, ..wide.clone() }.bytes()] {
+                let refusal = folder.refusal("a.nii", &bytes);
+                assert!(refusal.contains("promises"), "{refusal}");
+            }
+        }
+        // Just within what deflate could hold: found out while decoding.
+        let refusal =
+            folder.refusal("a.nii", &gzip(&NiftiFile { dim: [3, 5, 4, 300, 1, 1, 1, 1], ..plain("RAS") }.bytes()));
+        assert!(refusal.contains("ends after 60 of 6000 bytes of voxels"), "{refusal}");
+    }
+
+    #[test]
+    fn further_dimensions_of_0_and_trailing_bytes_are_harmless() {
+        let folder = Folder::new();
+        let file = NiftiFile { dim: [4, 5, 4, 3, 0, 0, 0, 0], ..plain("RAS") };
+        let mut bytes = file.bytes();
+        bytes.extend([0; 100]);
+        let volume = folder.read("a.nii", &bytes).unwrap();
+        assert_eq!(volume.num_frames, 1);
+        Phantom::assert_in_world(&volume);
+        Phantom::assert_in_world(&folder.read("a.nii", &gzip(&bytes)).unwrap());
+        let flat = NiftiFile { dim: [2, 5, 12, 0, 0, 0, 0, 0], ..plain("RAS") };
+        assert_eq!(folder.read("a.nii", &flat.bytes()).unwrap().grid.dims(), [5, 12, 1]);
+    }
+
+    #[test]
+    fn damage_anywhere_gives_a_sentence() {
+        for version in [1, 2] {
+            let file = NiftiFile::new(version, &Phantom::oriented("RAS"), ElementType::I16, Endian::Little);
+            torture("a.nii", &file.bytes(), 540);
+            torture("a.nii.gz", &gzip(&file.bytes()), usize::MAX);
+        }
+    }
+
+    #[test]
+    fn a_size_of_the_header_that_is_left_out_does_not_hide_the_byte_order() {
+        for endian in [Endian::Little, Endian::Big] {
+            let mut bytes = NiftiFile::new(1, &Phantom::oriented("RSA"), ElementType::F32, endian).bytes();
+            bytes[..4].fill(0);
+            Phantom::assert_in_world(&Folder::new().read("a.nii", &bytes).unwrap());
+        }
+    }
+}

@@ -68,7 +68,7 @@ impl VolumeReader for NrrdReader {
                 }
             }
             Encoding::Text => {
-                stream::read_text_voxels(&mut BufReader::new(source), element, pick, &data_path, progress)?
+                stream::read_text_voxels(&mut BufReader::new(&mut source), element, pick, &data_path, progress)?
             }
             Encoding::Hex => {
                 let mut bytes = HexBytes::new(&mut source);
@@ -192,7 +192,7 @@ impl Header {
             let name: String = name.to_lowercase().split_whitespace().collect();
             let value = value.trim().to_owned();
             // A list of files goes on to the end of the header in lines that are no fields.
-            let is_list = name == "datafile" && value.to_uppercase().starts_with("LIST");
+            let is_list = name == "datafile" && is_list_of_files(&value);
             fields.push((name, value));
             if is_list {
                 break;
@@ -474,7 +474,7 @@ impl Header {
     fn data_place(&self, path: &Path, size: u64, encoding: Encoding) -> Result<(PathBuf, u64)> {
         let (data_path, mut start) = match self.get("datafile") {
             None => (path.to_owned(), self.num_bytes),
-            Some(name) if name.to_uppercase().starts_with("LIST") || name.contains('%') => {
+            Some(name) if is_list_of_files(name) => {
                 return Err(Error::file(
                     path,
                     "its voxels are spread over several files, which Fabrica does not read",
@@ -516,6 +516,12 @@ impl Header {
     }
 }
 
+/// Whether the voxels are in several files: `LIST` and their names, or a pattern with a range (`slice%03d.raw 1 20 1`).
+fn is_list_of_files(data_file: &str) -> bool {
+    let words: Vec<_> = data_file.split_whitespace().collect();
+    words.first() == Some(&"LIST") || (words.len() >= 4 && data_file.contains('%'))
+}
+
 /// Where the header's text ends and where the voxels after its empty line begin; `from` was searched before.
 fn header_end(bytes: &[u8], from: usize) -> Option<(usize, usize)> {
     (from..bytes.len()).find_map(|i| match &bytes[i..] {
@@ -534,4 +540,256 @@ fn parse_vector(text: &str) -> Option<Vec<f64>> {
 
 fn fault(path: &Path, what: String) -> Error {
     Error::file(path, what, "correct the header with the program that wrote it")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{
+        ALL_TYPES, Folder, Phantom, all_orientations, encode, gzip, phantom_value, read, read_frame, torture,
+    };
+    use super::*;
+
+    const TYPE_NAMES: [&str; 10] = [
+        "unsigned char",
+        "signed char",
+        "ushort",
+        "short int",
+        "uint32_t",
+        "int",
+        "unsigned long long int",
+        "longlong",
+        "float",
+        "double",
+    ];
+
+    /// `space directions` and `space origin` of an affine in a space that is RAS but for the signs.
+    fn place(world_from_index: DAffine3, signs: [f64; 3]) -> String {
+        let signs = DVec3::from_array(signs);
+        let vector = |v: DVec3| format!("({},{},{})", v.x, v.y, v.z);
+        let m = world_from_index.matrix3;
+        format!(
+            "space directions: {} {} {}\nspace origin: {}\n",
+            vector(signs * m.x_axis),
+            vector(signs * m.y_axis),
+            vector(signs * m.z_axis),
+            vector(signs * world_from_index.translation)
+        )
+    }
+
+    fn nrrd(header: &str, data: &[u8]) -> Vec<u8> {
+        [format!("NRRD0005\n# a comment: with a colon\n{header}\n").as_bytes(), data].concat()
+    }
+
+    /// The phantom as uint8, with `extra` lines.
+    fn phantom_file(encoding: &str, extra: &str, data: &[u8]) -> Vec<u8> {
+        let place = place(Phantom::oriented("RAS").world_from_index, [1.0; 3]);
+        let header =
+            format!("type: uint8\ndimension: 3\nsizes: 5 4 3\nspace: RAS\n{place}encoding: {encoding}\n{extra}");
+        nrrd(&header, data)
+    }
+
+    fn phantom_bytes() -> Vec<u8> {
+        encode(&Phantom::oriented("RAS").values, ElementType::U8, Endian::Little)
+    }
+
+    #[test]
+    fn every_orientation_in_every_space() {
+        let folder = Folder::new();
+        for letters in all_orientations() {
+            let phantom = Phantom::oriented(&letters);
+            let [x, y, z] = phantom.dims;
+            for (space, signs) in [
+                ("RAS", [1.0, 1.0, 1.0]),
+                ("right-anterior-superior", [1.0, 1.0, 1.0]),
+                ("left-posterior-superior", [-1.0, -1.0, 1.0]),
+                ("LPS", [-1.0, -1.0, 1.0]),
+                ("Left-Anterior-Superior", [-1.0, 1.0, 1.0]),
+            ] {
+                let place = place(phantom.world_from_index, signs);
+                let header = format!(
+                    "type: short\ndimension: 3\nspace: {space}\nsizes: {x} {y} {z}\n{place}endian: little\nencoding: raw\n"
+                );
+                let data = encode(&phantom.values, ElementType::I16, Endian::Little);
+                let volume = folder.read("a.nrrd", &nrrd(&header, &data)).unwrap();
+                assert_eq!(volume.grid.orientation_letters(), letters);
+                assert_eq!(volume.warnings, Vec::<String>::new());
+                Phantom::assert_in_world(&volume);
+            }
+        }
+    }
+
+    #[test]
+    fn every_type_byte_order_and_encoding() {
+        let folder = Folder::new();
+        let phantom = Phantom::oriented("RAS");
+        let place = place(phantom.world_from_index, [-1.0, -1.0, 1.0]);
+        for (element, type_name) in ALL_TYPES.into_iter().zip(TYPE_NAMES) {
+            for (endian, order) in [(Endian::Little, "little"), (Endian::Big, "big")] {
+                let data = encode(&phantom.values, element, endian);
+                let text: String = phantom.values.iter().map(|v| format!("{v}\n")).collect();
+                let hex: String = data.iter().map(|b| format!("{b:02x}")).collect();
+                for (encoding, stored) in [
+                    ("raw", data.clone()),
+                    ("gzip", gzip(&data)),
+                    ("ascii", text.into_bytes()),
+                    ("hex", hex.into_bytes()),
+                ] {
+                    let header = format!(
+                        "type: {type_name}\ndimension: 3\nspace: LPS\nsizes: 5 4 3\n{place}endian: {order}\nencoding: {encoding}\n"
+                    );
+                    let volume = folder.read("a.nrrd", &nrrd(&header, &stored)).unwrap();
+                    Phantom::assert_in_world(&volume);
+                    assert_eq!(volume.voxels.bytes_per_voxel(), element.num_bytes());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn frames_on_any_axis() {
+        let folder = Folder::new();
+        for frame_axis in 0..4 {
+            let mut sizes = vec![5, 4, 3];
+            sizes.insert(frame_axis, 2);
+            let mut directions = vec!["(0.75,0,0)", "(0,1.5,0)", "(0,0,2.25)"];
+            directions.insert(frame_axis, "none");
+            let mut kinds = vec!["domain"; 3];
+            kinds.insert(frame_axis, "list");
+            let mut values = Vec::new();
+            for i in 0..120 {
+                let mut rest = i;
+                let mut index: Vec<usize> = sizes.iter().map(|&n| (rest % n, rest /= n).0).collect();
+                let frame = index.remove(frame_axis);
+                values.push(phantom_value([index[0], index[1], index[2]]) + 100.0 * frame as f64);
+            }
+            let data = encode(&values, ElementType::U16, Endian::Big);
+            let text: String = values.iter().map(|v| format!("{v} ")).collect();
+            let hex: String = data.iter().map(|b| format!("{b:02x}")).collect();
+            let sizes = sizes.iter().map(usize::to_string).collect::<Vec<_>>().join(" ");
+            for (encoding, stored) in
+                [("raw", data.clone()), ("gz", gzip(&data)), ("txt", text.into_bytes()), ("hex", hex.into_bytes())]
+            {
+                let header = format!(
+                    "type: uint16\ndimension: 4\nspace: RAS\nsizes: {sizes}\nspace directions: {}\nkinds: {}\n\
+                     space origin: (-10,20,-30.5)\nendian: big\nencoding: {encoding}\n",
+                    directions.join(" "),
+                    kinds.join(" "),
+                );
+                let path = folder.write("a.nrrd", &nrrd(&header, &stored));
+                Phantom::assert_in_world(&read(&path).unwrap());
+                let second = read_frame(&path, 1).unwrap();
+                assert_eq!((second.num_frames, second.value(4, 3, 2), second.value(1, 0, 0)), (2, 159.0, 101.0));
+                assert!(read_frame(&path, 2).unwrap_err().to_string().contains("the file has 2 frames"));
+            }
+        }
+    }
+
+    #[test]
+    fn the_time_form_of_a_space_counts_frames() {
+        let header = "type: uint8\ndimension: 4\nspace: left-posterior-superior-time\nsizes: 5 4 3 1\n\
+            space directions: (-0.75,0,0,0) (0,-1.5,0,0) (0,0,2.25,0) (0,0,0,2)\nspace origin: (10,-20,-30.5,0)\nencoding: raw\n";
+        Phantom::assert_in_world(&Folder::new().read("a.nrrd", &nrrd(header, &phantom_bytes())).unwrap());
+    }
+
+    #[test]
+    fn spacings_without_a_space_are_ras() {
+        let folder = Folder::new();
+        let header = "type: uchar\ndimension: 3\nsizes: 5 4 3\nspacings: 0.5 2 nan\nencoding: raw\n";
+        let volume = folder.read("a.nrrd", &nrrd(header, &phantom_bytes())).unwrap();
+        assert_eq!(volume.grid.spacing_mm(), DVec3::new(0.5, 2.0, 1.0));
+        assert_eq!(volume.grid.orientation_letters(), "RAS");
+        assert_eq!(volume.warnings.len(), 2, "{:?}", volume.warnings);
+    }
+
+    #[test]
+    fn units_become_millimeters() {
+        let folder = Folder::new();
+        let read_with =
+            |extra: &str| folder.read("a.nrrd", &phantom_file("raw", extra, &phantom_bytes())).unwrap().grid;
+        let micro = read_with("space units: \"um\" \"um\" \"um\"\n");
+        assert!((micro.spacing_mm() - DVec3::new(0.75e-3, 1.5e-3, 2.25e-3)).length() < 1e-12);
+        assert!((micro.world_from_index().translation.x + 0.01).abs() < 1e-12);
+        assert_eq!(read_with("space units: \"m\" \"m\" \"m\"\n").spacing_mm(), DVec3::new(750.0, 1500.0, 2250.0));
+        assert_eq!(read_with("space units: \"mm\" \"mm\" \"mm\"\n").spacing_mm(), DVec3::new(0.75, 1.5, 2.25));
+    }
+
+    #[test]
+    fn detached_headers_and_skips() {
+        let folder = Folder::new();
+        let data = phantom_bytes();
+        let two_lines = [b"one\ntwo\nxyz".as_slice(), &data].concat();
+        let cases: [(&str, &str, Vec<u8>); 6] = [
+            ("raw", "", data.clone()),
+            ("raw", "byte skip: -1\n", [&[9; 33], data.as_slice()].concat()),
+            ("raw", "byteskip: 33\n", [&[9; 33], data.as_slice()].concat()),
+            ("raw", "line skip: 2\nbyte skip: 3\n", two_lines.clone()),
+            ("gzip", "byte skip: 11\n", gzip(&two_lines)),
+            ("gzip", "line skip: 1\n", [b"a line\n".as_slice(), &gzip(&data)].concat()),
+        ];
+        for (encoding, extra, stored) in cases {
+            folder.write("voxels.bin", &stored);
+            let header = phantom_file(encoding, &format!("key:=value\n{extra}data file: voxels.bin\n"), b"");
+            // With and without the empty line at the end, and with Windows line ends.
+            let text = String::from_utf8(header).unwrap();
+            for text in [text.clone(), text.trim_end().to_owned(), text.replace('\n', "\r\n")] {
+                Phantom::assert_in_world(&folder.read("a.nhdr", text.as_bytes()).unwrap());
+            }
+        }
+        let refusal = |data_file: &str| folder.refusal("a.nhdr", &phantom_file("raw", data_file, b"a.raw\nb.raw\n"));
+        assert!(refusal("data file: none.raw\n").contains("none.raw, is missing"));
+        assert!(refusal("data file: LIST\n").contains("spread over several files"));
+        assert!(refusal("datafile: a%03d.raw 1 3 1\n").contains("spread over several files"));
+        assert!(refusal("byte skip: -1\nencoding: raw\ndata file: a.nhdr\nline skip: 9999\n").contains(""));
+        assert!(refusal("line skip: 9999\n").contains("the header skips 9999 lines"));
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_refused_with_a_sentence() {
+        let folder = Folder::new();
+        let good = String::from_utf8(phantom_file("raw", "", b"")).unwrap();
+        for (from, to, expected) in [
+            ("encoding: raw", "encoding: bzip2", "compressed with bzip2"),
+            ("encoding: raw", "encoding: zrl", "the encoding `zrl` is none"),
+            ("encoding: raw", "content: a", "no field `encoding`"),
+            ("type: uint8", "type: block", "the voxel type `block` is none"),
+            ("type: uint8", "type: char", "the voxel type `char` is none"),
+            ("dimension: 3", "dimension: 2", "the data have dimension 2"),
+            ("dimension: 3", "dimension: 5", "the data have dimension 5"),
+            ("dimension: 3", "dimension: 4", "are not 4 numbers"),
+            ("sizes: 5 4 3", "sizes: 5 4", "are not 3 numbers"),
+            ("sizes: 5 4 3", "sizes: 5 0 3", "are not 3 numbers"),
+            ("sizes: 5 4 3", "sizes: 5 -4 3", "are not 3 numbers"),
+            ("sizes: 5 4 3", "sizes: 5 4 4", "promises 80 bytes, but the file ends after 60"),
+            ("sizes: 5 4 3", "sizes: 99999999999 99999999999 3", "more than any file holds"),
+            ("space: RAS", "space: RAI", "the space `RAI` is none of RAS, LAS and LPS"),
+            ("(0.75,0,0)", "(0.75,0)", "fewer than 3 components"),
+            ("(0.75,0,0)", "none", "2 of its 3 axes are spatial"),
+            ("(0.75,0,0)", "(0,0,0)", "do not span space"),
+            ("(0.75,0,0)", "(inf,0,0)", "not finite"),
+            ("(0.75,0,0)", "(a,0,0)", "are not 3 vectors"),
+            ("space origin: (-10,20,-30.5)", "space origin: (nan,20,0)", "not finite"),
+            ("space origin: (-10,20,-30.5)", "space origin: 10 20 0", "not a vector"),
+            ("space: RAS", "nonsense", "the header line `nonsense` is no field"),
+        ] {
+            let changed = good.replacen(from, to, 1);
+            assert_ne!(changed, good, "{from}");
+            let refusal = folder.refusal("a.nrrd", &[changed.as_bytes(), &phantom_bytes()].concat());
+            assert!(refusal.contains(expected), "{to}: {refusal}");
+        }
+        let text = |words: &str| folder.refusal("a.nrrd", &phantom_file("ascii", "", words.as_bytes()));
+        assert!(text(&"1 ".repeat(60).replacen('1', "x", 1)).contains("voxel 0 is `x`"));
+        assert!(text(&"1 ".repeat(60).replacen('1', "256", 1)).contains("voxel 0 is `256`"));
+        assert!(text(&"111 ".repeat(59)).contains("the text ends after 59 of 60 voxels"));
+        assert!(text("1 1").contains("promises 119 bytes"));
+        assert!(folder.refusal("a.nrrd", &phantom_file("hex", "", &[b'g'; 120])).contains("no hexadecimal digit"));
+        assert!(folder.refusal("a.nrrd", &gzip(good.as_bytes())).contains("the whole file is compressed"));
+        let short = phantom_file("gzip", "", &gzip(&phantom_bytes()[..50]));
+        assert!(folder.refusal("a.nrrd", &short).contains("ends after 50 of 60 bytes of voxels"));
+    }
+
+    #[test]
+    fn damage_anywhere_gives_a_sentence() {
+        torture("a.nrrd", &phantom_file("raw", "", &phantom_bytes()), 400);
+        torture("a.nrrd", &phantom_file("gzip", "", &gzip(&phantom_bytes())), usize::MAX);
+    }
 }

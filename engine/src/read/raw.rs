@@ -165,3 +165,80 @@ impl VolumeReader for RawReader {
         Parts { path, grid, voxels, rescale: Rescale::IDENTITY, format: "raw", num_frames: 1, warnings }.into_volume()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::read_volume;
+    use super::super::testing::{ALL_TYPES, Folder, encode, gzip};
+    use super::*;
+
+    fn read_as(path: &Path, layout: &str) -> Result<Volume> {
+        let options = ReadOptions { raw: Some(layout.parse()?), ..ReadOptions::default() };
+        read_volume(path, &options, &Progress::new())
+    }
+
+    #[test]
+    fn layouts_as_written() {
+        let layout: RawLayout = "256x256x128xuint8".parse().unwrap();
+        assert_eq!((layout.dims(), layout.spacing_mm()), ([256, 256, 128], DVec3::ONE));
+        let full: RawLayout = "2x3x4xuint16,0.5x0.5x1,big".parse().unwrap();
+        assert_eq!((full.element, full.endian), (ElementType::U16, Endian::Big));
+        assert_eq!(full.spacing_mm(), DVec3::new(0.5, 0.5, 1.0));
+        assert_eq!("2x3x4xu16, big, 0.5x0.5x1".parse::<RawLayout>().unwrap(), full);
+        let same: RawLayout = "2x3x4xf32,0.25".parse().unwrap();
+        assert_eq!(same.spacing_mm(), DVec3::splat(0.25));
+        for wrong in [
+            "",
+            "2x3x4",
+            "2x3xu8",
+            "0x3x4xu8",
+            "-2x3x4xu8",
+            "2x3x4xu9",
+            "2x3x4xu8,0",
+            "2x3x4xu8,1x2",
+            "2x3x4xu8,nan",
+            "2x3x4xu8,middle",
+            "2x3x4xu8,big,little",
+            "2x3x4xu8,1,1",
+            "2x3x4x5xu8",
+        ] {
+            let sentence = wrong.parse::<RawLayout>().unwrap_err().to_string();
+            assert!(sentence.contains("; write it like --raw"), "{wrong}: {sentence}");
+        }
+    }
+
+    #[test]
+    fn voxels_of_every_type_and_order_around_the_origin() {
+        let folder = Folder::new();
+        let values: Vec<f64> = (0..24).map(f64::from).collect();
+        for (element, name) in
+            ALL_TYPES.into_iter().zip(["u8", "i8", "uint16", "short", "u32", "i32", "u64", "i64", "float", "f64"])
+        {
+            for (endian, order) in [(Endian::Little, "little"), (Endian::Big, "big")] {
+                let bytes = encode(&values, element, endian);
+                let layout = format!("2x3x4x{name},1x2x3,{order}");
+                for path in [folder.write("a.raw", &bytes), folder.write("a.raw.gz", &gzip(&bytes))] {
+                    let volume = read_as(&path, &layout).unwrap();
+                    assert_eq!(volume.value(1, 2, 3), 23.0);
+                    assert_eq!(volume.value(1, 0, 2), 13.0);
+                    assert_eq!(volume.grid.orientation_letters(), "RAS");
+                    let corner = volume.grid.world_from_index().transform_point3(DVec3::ZERO);
+                    assert_eq!(corner, DVec3::new(-0.5, -2.0, -4.5));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_layout_that_does_not_fit_is_refused() {
+        let folder = Folder::new();
+        let path = folder.write("a.raw", &[0x1f, 0x8b, 1, 2, 3, 4, 5, 6]);
+        assert_eq!(read_as(&path, "2x2x2xu8").unwrap().value(0, 0, 0), 31.0);
+        for layout in ["2x2x1xu8", "2x2x3xu8", "2x2x2xu16"] {
+            let refusal = read_as(&path, layout).unwrap_err().to_string();
+            assert!(refusal.contains("bytes, but the file has 8"), "{refusal}");
+        }
+        let huge = format!("{0}x{0}x{0}xf64", u64::MAX);
+        assert!(read_as(&path, &huge).unwrap_err().to_string().contains("more than any file holds"));
+    }
+}

@@ -31,7 +31,6 @@ const MAX_DEFLATE_RATIO: u64 = 1032;
 
 /// The type of one stored number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "each variant is its element type")]
 pub enum ElementType {
     U8,
     I8,
@@ -59,7 +58,6 @@ impl ElementType {
 
 /// Byte order of stored numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the names say it")]
 pub enum Endian {
     Little,
     Big,
@@ -640,5 +638,84 @@ impl<R: Read> Read for HexBytes<R> {
             }
         }
         Ok(filled)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{Folder, gzip};
+    use super::*;
+
+    fn request(count: usize) -> VoxelRequest {
+        VoxelRequest { element: ElementType::U16, endian: Endian::Little, count, is_size_checked: false }
+    }
+
+    #[test]
+    fn a_lie_about_the_size_costs_no_memory() {
+        // 2⁵⁹ voxels would end the process if anything believed it.
+        let error = read_voxels(&mut &[1, 2, 3][..], request(1 << 59), Path::new("a"), &Progress::new()).unwrap_err();
+        assert!(error.to_string().contains("the file ends after 3 of"), "{error}");
+        let believed = VoxelRequest { is_size_checked: true, ..request(1 << 59) };
+        let error = read_voxels(&mut &[1, 2, 3][..], believed, Path::new("a"), &Progress::new()).unwrap_err();
+        assert!(error.to_string().contains("not enough memory"), "{error}");
+    }
+
+    #[test]
+    fn growing_ends_at_exactly_the_expected_size() {
+        let bytes = vec![7; 20_000_002];
+        let voxels = read_voxels(&mut &bytes[..], request(10_000_001), Path::new("a"), &Progress::new()).unwrap();
+        let Voxels::U16(v) = voxels else { panic!("wrong type") };
+        assert_eq!((v.len(), v.capacity()), (10_000_001, 10_000_001));
+        assert!(v.iter().all(|&x| x == 0x0707));
+    }
+
+    #[test]
+    fn gzip_members_follow_each_other_and_padding_is_ignored() {
+        let folder = Folder::new();
+        for padding in [&b""[..], &[0; 600], &[0x1f], &[0x1f, 0x8b, 0, 0], b"garbage"] {
+            let bytes = [&gzip(&[1, 2]), &gzip(&[]), &gzip(&[3, 4, 5]), padding].concat();
+            let mut source = ByteSource::open(&folder.write("a.gz", &bytes)).unwrap();
+            assert_eq!(source.read_up_to(10).unwrap(), [1, 2, 3, 4, 5]);
+            source.finish(&mut Vec::new()).unwrap();
+        }
+    }
+
+    #[test]
+    fn the_checksum_is_checked() {
+        let folder = Folder::new();
+        let good = gzip(&[1, 2, 3, 4]);
+        let finish = |bytes: &[u8]| {
+            let mut source = ByteSource::open(&folder.write("a.gz", bytes)).unwrap();
+            assert_eq!(source.read_up_to(4).unwrap(), [1, 2, 3, 4]);
+            let mut warnings = Vec::new();
+            source.finish(&mut warnings).map(|()| warnings.len()).map_err(|e| e.to_string())
+        };
+        assert_eq!(finish(&good), Ok(0));
+        assert_eq!(finish(&good[..good.len() - 1]), Ok(1));
+        let mut bad = good.clone();
+        bad[good.len() - 8] ^= 1;
+        assert!(finish(&bad).unwrap_err().contains("the compressed data are damaged"));
+    }
+
+    #[test]
+    fn picked_bytes_and_hex_survive_every_buffer_size() {
+        let bytes: Vec<u8> = (0..60).collect();
+        let pick = Pick { first: 0, run: 2, period: 5, count: 24 };
+        let expected: Vec<u8> = (0..60).filter(|b| b % 5 < 2).collect();
+        let digits: String = bytes.iter().map(|b| format!("{b:02X}\n")).collect();
+        for size in 1..30 {
+            let mut picked = PickedBytes::new(&bytes[..], pick, 1);
+            let mut hex = HexBytes::new(digits.as_bytes());
+            let (mut got, mut got_hex) = (Vec::<u8>::new(), Vec::<u8>::new());
+            let mut buffer = vec![0; size];
+            while let n @ 1.. = picked.read(&mut buffer).unwrap() {
+                got.extend(&buffer[..n]);
+            }
+            while let n @ 1.. = hex.read(&mut buffer).unwrap() {
+                got_hex.extend(&buffer[..n]);
+            }
+            assert_eq!(got, expected);
+            assert_eq!(got_hex, bytes);
+        }
     }
 }

@@ -7,6 +7,8 @@ pub mod transfer_function;
 
 use std::sync::Arc;
 
+use glam::DVec3;
+
 pub use camera::{Camera, Projection};
 pub use quality::Quality;
 pub use transfer_function::{StyleTransferFunction, TransferFunctionNode};
@@ -14,6 +16,7 @@ pub use transfer_function::{StyleTransferFunction, TransferFunctionNode};
 use crate::error::{Error, Result};
 use crate::styles::StyleImage;
 use crate::volume::Volume;
+use crate::volume::bricks::BRICK;
 
 /// Everything that a picture depends on, but its size.
 #[derive(Clone, Debug)]
@@ -49,6 +52,29 @@ pub enum Background {
     Transparent,
     /// An opaque color, linear RGB.
     Color([f32; 3]),
+}
+
+/// Opacity below which a part of an object does not count when it is framed.
+const FRAMED_OPACITY: f64 = 0.01;
+
+impl Object {
+    /// The index box of the bricks in which the transfer function shows something (opacity above 0.01), clipped to
+    /// the volume; the whole volume where it shows nothing.
+    pub fn visible_index_box(&self) -> (DVec3, DVec3) {
+        let bricks = self.volume.bricks();
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for (i, &(a, b)) in bricks.ranges.iter().enumerate() {
+            let (a, b) = (self.volume.rescale.value(a), self.volume.rescale.value(b));
+            if self.transfer_function.max_opacity(a.min(b), a.max(b)) > FRAMED_OPACITY {
+                let [nx, ny, _] = bricks.dims;
+                let at = [i % nx, i / nx % ny, i / (nx * ny)].map(|n| (n * BRICK) as f64 - 0.5);
+                low = low.min(DVec3::from_array(at));
+                high = high.max(DVec3::from_array(at) + BRICK as f64);
+            }
+        }
+        let whole = self.volume.grid.index_box();
+        if low.x > high.x { whole } else { (low, high.min(whole.1)) }
+    }
 }
 
 impl Scene {

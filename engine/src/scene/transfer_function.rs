@@ -48,6 +48,12 @@ impl StyleTransferFunction {
         }
     }
 
+    /// Largest opacity of any value in `low..=high`, both sides of jumps included.
+    pub fn max_opacity(&self, low: f64, high: f64) -> f64 {
+        let inside = self.nodes.iter().filter(|n| (low..=high).contains(&n.value)).map(|n| n.opacity);
+        inside.fold(self.classify(low).opacity.max(self.classify(high).opacity), f64::max)
+    }
+
     pub(crate) fn validate(&self, num_styles: usize) -> Result<()> {
         let fail = |what: String, remedy: &str| Err(Error::scene(what, remedy));
         if self.nodes.is_empty() {

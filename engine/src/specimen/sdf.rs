@@ -83,13 +83,6 @@ pub fn turn_x(p: Vec3, angle: f32) -> Vec3 {
     vec3(p.x, c * p.y - s * p.z, s * p.y + c * p.z)
 }
 
-/// `p` turned by `angle` radians about the y axis (z toward x).
-#[inline]
-pub fn turn_y(p: Vec3, angle: f32) -> Vec3 {
-    let (s, c) = angle.sin_cos();
-    vec3(c * p.x + s * p.z, p.y, -s * p.x + c * p.z)
-}
-
 /// `p` turned by `angle` radians about the z axis (x toward y).
 #[inline]
 pub fn turn_z(p: Vec3, angle: f32) -> Vec3 {
@@ -135,4 +128,24 @@ pub fn normal(x: usize, y: usize, z: usize, seed: u32) -> f32 {
     let sum = (h & 0xff) + (h >> 8 & 0xff) + (h >> 16 & 0xff) + (h >> 24);
     // Four bytes have mean 510 and standard deviation 2 · 73.9 = 147.8.
     (sum as f32 - 510.0) * (1.0 / 147.8)
+}
+
+/// A smooth curve through points with radii: `parts` pieces between any two (Catmull-Rom).
+pub fn spline(points: &[(Vec3, f32)], parts: usize) -> Vec<(Vec3, f32)> {
+    let mut curve = Vec::with_capacity(points.len() * parts);
+    for i in 0..points.len().saturating_sub(1) {
+        let at = |k: isize| points[(i as isize + k).clamp(0, points.len() as isize - 1) as usize];
+        let ((p0, _), (p1, r1), (p2, r2), (p3, _)) = (at(-1), at(0), at(1), at(2));
+        for j in 0..parts {
+            let t = j as f32 / parts as f32;
+            let p = 0.5
+                * (2.0 * p1
+                    + (p2 - p0) * t
+                    + (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3) * (t * t)
+                    + (3.0 * p1 - p0 - 3.0 * p2 + p3) * (t * t * t));
+            curve.push((p, mix(r1, r2, t)));
+        }
+    }
+    curve.extend(points.last());
+    curve
 }

@@ -6,9 +6,17 @@ pub mod gradient;
 pub mod labels;
 pub mod no_data;
 pub mod prefilter;
+pub mod statistics;
 
 use std::path::PathBuf;
+use std::sync::OnceLock;
 
+use bricks::MinMaxBricks;
+use no_data::fill_no_data;
+use statistics::Statistics;
+
+use crate::error::Result;
+use crate::progress::Progress;
 use crate::spaces::Grid;
 
 /// Voxels in the type of the file, x fastest. One copy in memory, never widened.
@@ -157,6 +165,14 @@ pub struct Volume {
     pub num_frames: usize,
     /// What the user should know about how the file was read, a sentence each.
     pub warnings: Vec<String>,
+    derived: Derived,
+}
+
+/// What is computed from the voxels once, when first asked for. Voxels never change after loading.
+#[derive(Clone, Debug, Default)]
+struct Derived {
+    bricks: OnceLock<MinMaxBricks>,
+    statistics: OnceLock<Statistics>,
 }
 
 impl Volume {
@@ -180,6 +196,7 @@ impl Volume {
             source: None,
             num_frames: 1,
             warnings: Vec::new(),
+            derived: Derived::default(),
         })
     }
 
@@ -191,6 +208,23 @@ impl Volume {
         let [nx, ny, _] = self.grid.dims();
         let i = x + nx * (y + ny * z);
         self.rescale.value(with_voxels!(&self.voxels, v => v[i].to_f64()))
+    }
+
+    /// Ranges of stored numbers in bricks of 8³ voxels; computed on the first call.
+    pub fn bricks(&self) -> &MinMaxBricks {
+        self.derived.bricks.get_or_init(|| MinMaxBricks::compute(&fill_no_data(self).voxels, self.grid.dims()))
+    }
+
+    /// Range, background and percentiles of the data values; computed on the first call.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`](crate::Error::Cancelled) on request.
+    pub fn statistics(&self, progress: &Progress) -> Result<&Statistics> {
+        if let Some(known) = self.derived.statistics.get() {
+            return Ok(known);
+        }
+        let computed = Statistics::compute(self, progress)?;
+        Ok(self.derived.statistics.get_or_init(|| computed))
     }
 
     /// Decoded size in bytes, in the stored type.

@@ -12,11 +12,11 @@ use super::skull;
 use crate::specimen::sdf::*;
 
 /// Cerebrospinal fluid between inner table and brain, mm.
-const FLUID_MM: f32 = 2.4;
+const FLUID_MM: f32 = 1.8;
 
 /// Smooth outer hull of one hemisphere, sulci not yet cut.
 pub fn hull(q: Vec3) -> f32 {
-    smax(skull::cerebral_room(q) + FLUID_MM, 1.3 - q.x, 7.0)
+    smax(skull::cerebral_room(q) + FLUID_MM, 0.9 - q.x, 6.0)
 }
 
 /// Spacing of the grid on which folds grow, mm. It is independent of the voxels: every resolution has the same folds.
@@ -140,11 +140,16 @@ impl Folds {
                 .map(|i| match gather[i] {
                     Some(at) => {
                         let u = trilinear(&response, at) * gain + pull[i];
-                        if last { u } else { (1.6 * u).tanh() }
+                        // At the end the pattern is driven to its plateaus: every sulcus is cut through.
+                        if last { (3.0 * u).tanh() } else { (1.6 * u).tanh() }
                     }
                     None => 0.0,
                 })
                 .collect();
+        }
+        // Rounded again, the plateaus become waves of even height.
+        for _ in 0..2 {
+            blur(&mut field, &mut spare);
         }
         Self { crown: field }
     }
@@ -199,7 +204,7 @@ pub struct Parts {
 }
 
 /// The core that joins the hemispheres: thalami, hypothalamus, the stalk of the midbrain.
-fn core(q: Vec3) -> f32 {
+pub fn core(q: Vec3) -> f32 {
     ellipsoid(q - vec3(0.0, -4.0, 27.0), vec3(20.0, 25.0, 15.0))
 }
 
@@ -229,7 +234,7 @@ pub fn cerebrum(p: Vec3, folds: &Folds) -> Parts {
     let center = core(q).min(callosum(q));
     let u = folds.at(q);
     // From the pattern to the distance from the middle of the sulcus, mm.
-    let from_sulcus = ((-u / 1.55).clamp(-1.0, 1.0).acos()) * (PERIOD_MM / std::f32::consts::TAU);
+    let from_sulcus = ((-u / 0.85).clamp(-1.0, 1.0).acos()) * (PERIOD_MM / std::f32::consts::TAU);
     let depth = -smooth;
     let floor = 11.0 * smoothstep(2.0, 12.0, center);
     // Sulci gape at the surface and are slits below.
@@ -274,12 +279,17 @@ pub fn ventricles(q: Vec3) -> f32 {
     smin(lateral, horn, 4.0).min(third).min(aqueduct).min(fourth)
 }
 
+/// Cerebellum before its furrows are cut.
+pub fn cerebellum_hull(q: Vec3) -> f32 {
+    let room = smax(skull::posterior_fossa(q) + 2.0, q.z - skull::cerebral_floor(q) + 3.0, 3.0);
+    let lobes = ellipsoid(q - vec3(23.0, -49.0, -7.0), vec3(29.0, 34.0, 25.0));
+    let vermis = ellipsoid(q - vec3(0.0, -45.0, -3.0), vec3(14.0, 29.0, 23.0));
+    smax(room, smin(lobes, vermis, 6.0), 6.0)
+}
+
 /// Cerebellum surface and its white matter.
 pub fn cerebellum(q: Vec3) -> (f32, f32) {
-    let room = smax(skull::posterior_fossa(q) + 2.6, 14.0 + 16.0 * smoothstep(-66.0, -18.0, q.y) * smoothstep(50.0, 0.0, q.x) - 0.0 - (14.0 + 16.0 - q.z).min(100.0) * 0.0 - 1e3, 1.0);
-    let lobes = ellipsoid(q - vec3(22.0, -47.0, -5.0), vec3(29.0, 31.0, 22.0));
-    let vermis = ellipsoid(q - vec3(0.0, -42.0, -2.0), vec3(14.0, 24.0, 21.0));
-    let smooth = smax(room, smin(lobes, vermis, 6.0), 6.0);
+    let smooth = cerebellum_hull(q);
     if smooth > 4.0 {
         return (smooth, smooth + 3.0);
     }
@@ -293,7 +303,7 @@ pub fn cerebellum(q: Vec3) -> (f32, f32) {
     let off = (k - k.round()).abs() * spacing * radius;
     // Every fourth furrow is a fissure.
     let major = (k.round() as i32).rem_euclid(4) == 0;
-    let (deep, half) = if major { (10.0, 0.75) } else { (4.0, 0.5) };
+    let (deep, half) = if major { (8.0, 0.6) } else { (3.4, 0.3) };
     let furrow = smax(off - half, -smooth - deep, 1.0);
     let d = smax(smooth, -furrow, 1.8);
     (d, smax(d + 1.5, smooth + 4.5 - 3.0 * bump(off - spacing * radius * 0.5, 1.2), 1.5))

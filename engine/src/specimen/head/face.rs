@@ -4,6 +4,8 @@
 //! and cut with small fillets. Functions take `q`, the position with x mirrored to the positive side, unless
 //! they say `p`.
 
+use std::sync::LazyLock;
+
 use glam::{Vec3, vec2, vec3};
 
 use super::skull;
@@ -25,7 +27,7 @@ pub fn skin(p: Vec3) -> f32 {
     let mut d = skull::vault(q) - 6.0;
     d = smin(d, neck(q), 16.0);
     // Occiput and the muscles below it.
-    d = smin(d, ellipsoid(q - vec3(0.0, -50.0, -22.0), vec3(50.0, 40.0, 40.0)), 24.0);
+    d = smin(d, ellipsoid(q - vec3(0.0, -51.0, -12.0), vec3(57.0, 44.0, 42.0)), 20.0);
 
     // Middle and lower face.
     let midface = ellipsoid(q - vec3(0.0, 26.0, -12.0), vec3(63.0, 65.0, 66.0));
@@ -33,16 +35,19 @@ pub fn skin(p: Vec3) -> f32 {
     let chin = ellipsoid(q - vec3(0.0, 80.0, -82.0), vec3(19.0, 15.5, 13.0));
     let jaw = chain(q, &[(vec3(16.0, 78.0, -80.0), 13.0), (vec3(40.0, 42.0, -66.0), 13.0), (vec3(49.0, 17.0, -53.0), 13.0), (vec3(55.0, 6.0, -15.0), 13.0)], 8.0);
     let floor = ellipsoid(q - vec3(0.0, 40.0, -66.0), vec3(36.0, 44.0, 22.0));
-    d = smin(d, midface, 22.0);
+    d = smin(d, midface, 26.0);
     d = smin(d, muzzle, 20.0);
     d = smin(d, smin(jaw, floor, 16.0), 14.0);
     d = smin(d, chin, 14.0);
     // Cheekbone and its arch.
     d = smin(d, ellipsoid(turn_z(q - vec3(45.0, 63.0, -9.0), -0.7), vec3(17.0, 12.0, 13.0)), 16.0);
-    // Temple: slightly hollow behind the brow.
-    d = smax(d, -ellipsoid(q - vec3(79.0, 54.0, 30.0), vec3(14.0, 24.0, 22.0)), 20.0);
+    let arch = chain(q, &[(vec3(50.0, 63.0, -7.0), 9.0), (vec3(61.5, 45.0, -8.0), 7.5), (vec3(64.5, 28.0, -6.0), 7.0), (vec3(63.0, 4.0, 1.0), 8.0)], 6.0);
+    d = smin(d, arch, 18.0);
+    // Outer rim of the orbit and the temporalis behind it.
+    d = smin(d, chain(q, &[(vec3(50.0, 62.0, -4.0), 8.0), (vec3(51.0, 62.0, 14.0), 7.2), (vec3(49.0, 68.0, 30.0), 8.0)], 5.0), 12.0);
+    d = smin(d, ellipsoid(q - vec3(52.0, 34.0, 22.0), vec3(17.0, 32.0, 32.0)), 16.0);
     // Brow: ridge from the glabella to the outer corner.
-    let brow = chain(q, &[(vec3(6.0, 88.5, 30.0), 7.0), (vec3(26.0, 86.5, 34.0), 7.0), (vec3(46.0, 74.0, 31.0), 7.0)], 6.0);
+    let brow = chain(q, &[(vec3(0.0, 87.5, 30.0), 7.0), (vec3(26.0, 86.5, 34.0), 7.0), (vec3(46.0, 74.0, 31.0), 7.0)], 6.0);
     d = smin(d, brow, 12.0);
     if p.y > 45.0 {
         d = features(p, q, d);
@@ -56,30 +61,24 @@ fn features(p: Vec3, q: Vec3, mut d: f32) -> f32 {
     // Eye sockets and lids.
     let e = q - EYE;
     if e.length() < 34.0 + FAR_MM {
-        let socket = ellipsoid(q - vec3(32.5, 93.0, 15.5), vec3(17.0, 13.5, 11.5));
-        d = smax(d, -socket, 12.0);
+        let socket = ellipsoid(q - vec3(32.5, 95.0, 15.0), vec3(18.0, 13.5, 12.0));
+        d = smax(d, -socket, 13.0);
         // Toward the nose the socket is deepest.
-        d = smax(d, -ellipsoid(q - vec3(17.0, 93.0, 17.0), vec3(6.0, 8.0, 8.0)), 9.0);
-        let lids = ellipsoid(e - vec3(0.0, 0.6, 0.0), vec3(15.6, 14.6, 14.0));
-        d = smin(d, lids, 5.5);
-        // The closed fissure: a shallow arc below the middle of the globe, its outer corner a little higher.
-        let along = e.x / 15.5;
-        let lift = -4.6 + 3.4 * along * along + 1.2 * along;
-        let lash = vec2(e.z - lift, (e.length() - 15.4).min(0.0)).length();
-        let span = smoothstep(1.06, 0.86, along.abs());
+        d = smax(d, -ellipsoid(q - vec3(18.5, 94.0, 17.5), vec3(5.5, 7.0, 7.0)), 9.0);
+        let lids = ellipsoid(e - vec3(0.0, 0.4, 0.4), vec3(16.4, 14.6, 13.6));
+        d = smin(d, lids, 8.0);
         if e.y > 0.0 {
-            let near = (e.length() - 15.4).abs();
-            let slit = vec2(e.z - lift, near * 0.7).length();
-            let _ = lash;
-            d = smax(d, (1.3 * span) - slit, 1.2);
+            let along = e.x / 15.5;
+            // Distance from the lids' surface: the lines below are drawn on it and fade out under it.
+            let off = (e.length() - 14.8) * 0.6;
+            // The closed fissure: an arc below the middle of the globe, its outer corner a little higher.
+            let fissure = -5.0 + 3.6 * along * along + 1.0 * along;
+            let lower = vec2(e.z - fissure, off).length();
+            d = smax(d, 0.95 * smoothstep(1.1, 0.8, along.abs()) - lower, 1.3);
             // Upper crease, where the lid folds back under the brow.
-            let crease = 6.6 - 5.2 * along * along + 0.6 * along;
-            let fold = vec2(e.z - crease, (e.length() - 15.2) * 0.7).length();
-            d = smax(d, 1.25 * smoothstep(1.08, 0.6, along.abs()) - fold, 1.8);
-            // Lower lid furrow.
-            let furrow = -11.0 + 4.2 * along * along;
-            let under = vec2(e.z - furrow, (e.length() - 15.4) * 0.6).length();
-            d = smax(d, 0.9 * smoothstep(1.1, 0.3, along.abs()) - under, 3.0);
+            let crease = 7.6 - 5.6 * along * along + 0.8 * along;
+            let fold = vec2(e.z - crease, off).length();
+            d = smax(d, 0.9 * smoothstep(1.1, 0.5, along.abs()) - fold, 2.6);
         }
     }
     // Nose.
@@ -94,7 +93,7 @@ fn features(p: Vec3, q: Vec3, mut d: f32) -> f32 {
     let fold = chain(q, &[(vec3(20.0, 98.0, -20.0), 0.5), (vec3(28.0, 92.5, -36.0), 1.4), (vec3(33.0, 84.0, -54.0), 0.2)], 2.0);
     d = smax(d, -fold, 6.0);
     // Cheek pads.
-    d = smin(d, ellipsoid(q - vec3(34.0, 73.0, -28.0), vec3(15.0, 14.0, 17.0)), 12.0);
+    d = smin(d, ellipsoid(q - vec3(37.0, 66.0, -34.0), vec3(17.0, 17.0, 24.0)), 18.0);
     // Nevus: 5 mm across, on the patient's left cheek only.
     smin(d, ellipsoid(p - NEVUS, vec3(2.6, 2.6, 2.6)), 1.6)
 }
@@ -108,16 +107,17 @@ fn nose(q: Vec3, mut d: f32) -> f32 {
     d = smin(d, bridge, 10.0);
     let tip = ellipsoid(q - vec3(3.0, 110.0, -16.5), vec3(7.5, 8.5, 7.2));
     d = smin(d, tip, 6.0);
-    // Wings.
-    let wing = ellipsoid(turn_z(q - vec3(12.5, 101.0, -21.5), 0.35), vec3(5.8, 9.5, 6.8));
-    d = smin(d, wing, 4.5);
+    // Base and wings.
+    d = smin(d, ellipsoid(q - vec3(0.0, 100.0, -17.0), vec3(12.0, 11.0, 9.0)), 6.0);
+    let wing = ellipsoid(turn_z(q - vec3(11.8, 101.0, -21.0), 0.35), vec3(6.2, 9.8, 7.2));
+    d = smin(d, wing, 5.0);
     // Groove above and behind the wing.
-    let groove = chain(q, &[(vec3(13.0, 110.0, -12.5), 0.6), (vec3(19.0, 101.0, -13.5), 1.2), (vec3(20.0, 94.0, -22.0), 1.0)], 3.0);
-    d = smax(d, -groove, 3.5);
+    let groove = chain(q, &[(vec3(13.5, 111.0, -12.5), 0.4), (vec3(19.5, 102.5, -13.0), 0.8), (vec3(20.5, 95.0, -22.0), 0.8)], 3.0);
+    d = smax(d, -groove, 4.0);
     // Columella.
-    d = smin(d, cone(q, vec3(0.0, 111.0, -23.0), vec3(0.0, 99.0, -28.0), 3.0, 4.0), 4.0);
+    d = smin(d, cone(q, vec3(0.0, 111.0, -22.5), vec3(0.0, 99.0, -28.0), 3.0, 4.0), 4.0);
     // Nostrils lead up and back into the cavity.
-    let nostril = chain(q, &[(vec3(7.0, 107.0, -29.5), 3.0), (vec3(7.2, 104.5, -23.5), 3.6), (vec3(5.0, 94.0, -14.0), 3.6)], 2.0);
+    let nostril = chain(q, &[(vec3(7.4, 105.0, -30.0), 2.6), (vec3(7.0, 103.0, -24.5), 3.2), (vec3(5.0, 98.0, -19.0), 2.6)], 2.0);
     smax(d, -nostril, 1.8)
 }
 
@@ -127,9 +127,11 @@ fn lip_arc(x: f32) -> f32 {
 }
 
 fn mouth(q: Vec3, mut d: f32) -> f32 {
+    // The lips sit on the curve of the teeth.
+    d = smin(d, ellipsoid(q - vec3(0.0, 80.0, -49.0), vec3(27.0, 20.5, 17.0)), 10.0);
     // Straighten the arc of the lips: l.y counts from the line between them.
     let x = q.x;
-    let l = vec3(x, q.y - 99.5 + lip_arc(x), q.z + 52.5);
+    let l = vec3(x, q.y - 98.6 + lip_arc(x), q.z + 52.5);
     let corner = 26.0;
     let taper = smoothstep(corner, 6.0, x);
     let fade = smoothstep(corner + 2.0, corner - 8.0, x);
@@ -141,8 +143,8 @@ fn mouth(q: Vec3, mut d: f32) -> f32 {
     let upper = vec2(l.y - 1.0, (l.z - 3.2 * taper - bow * 0.7) * mix(1.7, 1.0, taper)).length() - mix(2.0, 5.0, taper);
     let lower = vec2(l.y - 0.4, (l.z + 4.4 * taper + 0.6) * mix(1.6, 0.86, taper)).length() - mix(2.0, 5.6, smoothstep(corner, 4.0, x));
     let end = x - corner;
-    d = smin(d, smax(upper, end, 4.0), 2.2);
-    d = smin(d, smax(lower, end + 1.5, 4.0), 2.6);
+    d = smin(d, smax(upper, end, 4.0), 4.0);
+    d = smin(d, smax(lower, end + 1.5, 4.0), 4.5);
     // The line between the lips: slightly waved.
     let line_z = 0.9 * bump(x - 5.0, 7.0) - 0.5 - 0.0016 * x * x;
     let slit = vec2((l.z - line_z) * 1.0, (l.y - 5.0).max(0.0) * 0.0).length();
@@ -159,7 +161,7 @@ fn mouth(q: Vec3, mut d: f32) -> f32 {
 fn neck(q: Vec3) -> f32 {
     let t = smoothstep(-40.0, -130.0, q.z);
     let center = mix(-18.0, -12.0, t);
-    let column = ellipse(vec2(q.x, q.y - center), vec2(mix(52.0, 56.0, t), mix(54.0, 57.0, t))) * 0.95;
+    let column = ellipse(vec2(q.x, q.y - center), vec2(mix(49.0, 52.0, t), mix(53.0, 55.0, t))) * 0.95;
     let column = smax(column, q.z + 25.0, 20.0);
     let cord = cone(q, vec3(55.0, -12.0, -25.0), vec3(24.0, 37.0, -135.0), 9.0, 8.5);
     let larynx = ellipsoid(q - vec3(0.0, 40.0, -122.0), vec3(13.0, 14.0, 18.0));
@@ -170,13 +172,32 @@ fn neck(q: Vec3) -> f32 {
 const EAR: (Vec3, f32) = (vec3(76.0, -10.0, 3.0), 44.0);
 
 /// Position in the frame of the auricle: x backward along it, y up along it, z out of its face.
-/// The auricle leans back by 12° and stands off the head by 28°.
+/// The auricle leans back by 12° and stands off the head by 22°.
 fn ear_frame(q: Vec3) -> Vec3 {
     let a = turn_x(q - vec3(70.5, -1.0, 1.0), 0.21);
-    let (s, c) = 0.50_f32.sin_cos();
+    let (s, c) = 0.38_f32.sin_cos();
     // Backward direction leaves the head: (sin, -cos).
     vec3(a.x * s - a.y * c, a.z, a.x * c + a.y * s)
 }
+
+/// The rolled rim of the auricle, from its root in the concha over the top and down to the lobule (ear frame).
+static HELIX: LazyLock<Vec<(Vec3, f32)>> = LazyLock::new(|| {
+    spline(
+        &[
+            (vec3(6.0, 2.0, -4.0), 1.6),
+            (vec3(0.5, 7.5, 0.5), 2.0),
+            (vec3(-1.0, 17.0, 2.0), 2.4),
+            (vec3(3.5, 26.5, 2.2), 2.6),
+            (vec3(12.0, 31.0, 2.0), 2.7),
+            (vec3(21.0, 28.0, 1.8), 2.6),
+            (vec3(27.5, 19.0, 1.4), 2.4),
+            (vec3(28.5, 8.0, 1.0), 2.2),
+            (vec3(25.0, -3.0, 0.6), 2.0),
+            (vec3(19.0, -13.0, 0.0), 2.0),
+        ],
+        3,
+    )
+});
 
 /// The cartilage-backed shape of the auricle.
 pub fn ear(q: Vec3) -> f32 {
@@ -190,23 +211,7 @@ pub fn ear(q: Vec3) -> f32 {
     let r = vec2((l.x - 7.5) / 9.5, (l.y - 0.5) / 12.5).length();
     let dish = -8.0 * smoothstep(1.05, 0.35, r);
     let sheet = smax(outline, ((l.z - dish) * 0.75).abs() - 1.7, 2.5);
-    // Helix: the rolled rim, from its root in the concha over the top and down to the lobule.
-    let helix = chain(
-        l,
-        &[
-            (vec3(6.0, 2.0, -4.0), 1.6),
-            (vec3(0.5, 7.5, 0.5), 2.2),
-            (vec3(-1.0, 17.0, 2.0), 2.6),
-            (vec3(3.5, 26.5, 2.2), 2.8),
-            (vec3(12.0, 31.0, 2.0), 2.9),
-            (vec3(21.0, 28.0, 1.8), 2.8),
-            (vec3(27.5, 19.0, 1.4), 2.6),
-            (vec3(28.5, 8.0, 1.0), 2.4),
-            (vec3(25.0, -3.0, 0.6), 2.2),
-            (vec3(19.0, -13.0, 0.0), 2.2),
-        ],
-        1.5,
-    );
+    let helix = chain(l, &HELIX, 1.5);
     let lobule = ellipsoid(l - vec3(7.5, -22.0, -0.5), vec3(9.0, 9.0, 3.2));
     let antihelix = chain(
         l,
@@ -250,8 +255,9 @@ pub fn cartilage(q: Vec3) -> f32 {
     d
 }
 
-/// Air inside the head: nose, sinuses, throat, windpipe, the slit of the mouth, ear canals. `p` in world mm.
-pub fn airways(p: Vec3) -> f32 {
+/// Air inside the head: nose, sinuses, throat, windpipe, the slit of the mouth, ear canals. `p` in world mm and
+/// its distance from the skin, which only nostrils and ear canals pierce.
+pub fn airways(p: Vec3, skin: f32) -> f32 {
     let q = vec3(p.x.abs(), p.y, p.z);
     // A millimeter of mucosa lines the bone; it also covers septum and turbinates.
     let nasal = skull::nasal_cavity(q) + 1.2;
@@ -259,7 +265,7 @@ pub fn airways(p: Vec3) -> f32 {
     let lower = ellipsoid(q - vec3(9.5, 62.0, -19.0), vec3(2.8, 22.0, 5.0));
     let middle = ellipsoid(q - vec3(7.0, 58.0, -4.0), vec3(2.6, 20.0, 5.4));
     let nasal = smax(nasal, -(septum.min(lower).min(middle)), 1.0);
-    let vestibule = chain(q, &[(vec3(7.0, 107.5, -30.0), 2.6), (vec3(7.2, 104.0, -23.0), 3.3), (vec3(5.5, 90.0, -13.0), 3.2)], 3.0);
+    let vestibule = chain(q, &[(vec3(7.4, 105.0, -31.0), 2.4), (vec3(7.0, 103.0, -24.5), 3.0), (vec3(5.0, 97.0, -18.0), 2.8), (vec3(5.0, 84.0, -14.0), 3.6)], 3.0);
     let sinuses = (skull::maxillary_sinus(q) + 1.0).min(skull::midline_sinuses(p) + 0.6);
     let flat = vec3(q.x * 0.62, q.y, q.z);
     let throat = chain(
@@ -270,7 +276,7 @@ pub fn airways(p: Vec3) -> f32 {
     // A film of air above the tongue.
     let tongue = ellipsoid(q - vec3(0.0, 52.0, -58.0), vec3(23.0, 37.0, 21.0));
     let mouth = smax((tongue - 1.2).abs() - 1.2, smax(-45.0 - q.z, q.x - 19.0, 2.0), 1.0);
-    nasal.min(vestibule).min(sinuses).min(throat).min(mouth).min(ear_canal(q))
+    smax(nasal.min(sinuses).min(throat).min(mouth), skin + 4.0, 2.0).min(vestibule).min(ear_canal(q))
 }
 
 /// Muscles with a surface of their own, before the fat between them.

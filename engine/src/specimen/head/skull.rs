@@ -12,26 +12,26 @@ pub const TABLE_MM: f32 = 1.8;
 /// The egg of the braincase (outer table), before it is opened to the face and the base: two ellipsoids, a wide
 /// parietal one and a narrower frontal one.
 pub fn vault(q: Vec3) -> f32 {
-    let parietal = ellipsoid(q - vec3(0.0, -21.0, 40.0), vec3(69.0, 70.0, 73.0));
-    let frontal = ellipsoid(q - vec3(0.0, 29.0, 45.0), vec3(54.0, 59.0, 60.0));
+    let parietal = ellipsoid(q - vec3(0.0, -21.0, 40.0), vec3(71.0, 70.0, 73.5));
+    let frontal = ellipsoid(q - vec3(0.0, 28.5, 49.0), vec3(57.0, 60.0, 61.0));
     smin(parietal, frontal, 24.0)
 }
 
 /// Height of the floor under the cerebrum: the orbital roofs in front, the sella in the middle, the tentorium
 /// behind, which slopes down to the sides.
-fn cerebral_floor(q: Vec3) -> f32 {
+pub fn cerebral_floor(q: Vec3) -> f32 {
     let tent = smoothstep(-18.0, -66.0, q.y);
     20.0 + 15.0 * smoothstep(20.0, 42.0, q.y) - 13.0 * tent - 6.0 * tent * smoothstep(10.0, 45.0, q.x)
 }
 
 /// The part of the cranial cavity above orbits, sella and tentorium.
 fn supratentorial(q: Vec3) -> f32 {
-    smax(vault(q) + 6.5, (cerebral_floor(q) - q.z) * 0.8, 12.0)
+    smax(vault(q) + 6.2, (cerebral_floor(q) - q.z) * 0.8, 12.0)
 }
 
 /// The middle fossa, where the temporal lobe lies.
 fn temporal_fossa(q: Vec3) -> f32 {
-    ellipsoid(turn_z(q - vec3(43.0, 8.0, 11.0), 0.12), vec3(20.0, 38.0, 20.0))
+    ellipsoid(turn_z(q - vec3(43.0, 8.0, 17.0), 0.12), vec3(20.5, 39.0, 18.0))
 }
 
 /// The room of the cerebrum.
@@ -41,8 +41,8 @@ pub fn cerebral_room(q: Vec3) -> f32 {
 
 /// The room of cerebellum and brain stem below the tentorium.
 pub fn posterior_fossa(q: Vec3) -> f32 {
-    let fossa = ellipsoid(q - vec3(0.0, -43.0, -3.0), vec3(51.0, 39.0, 31.0));
-    smax(fossa, vault(q) + 7.5, 8.0)
+    let fossa = ellipsoid(q - vec3(0.0, -45.0, -4.0), vec3(53.0, 41.0, 29.0));
+    smax(fossa, q.z - 26.0, 8.0)
 }
 
 /// The way of the brain stem from the sella to the foramen magnum, and on down the spinal canal.
@@ -102,7 +102,8 @@ pub fn midline_sinuses(p: Vec3) -> f32 {
     // Ethmoid: two rows of small cells between the orbits.
     let e = vec3(q.x - 7.5, q.y - 56.0, q.z - 15.0);
     let cell = vec3(e.x, e.y - (e.y / 9.0).round().clamp(-2.0, 2.0) * 9.0, e.z - (e.z / 9.0).round().clamp(-1.0, 0.0) * 9.0);
-    frontal.min(sphenoid).min(ellipsoid(cell, vec3(3.2, 3.9, 3.9)))
+    let ethmoid = smax(ellipsoid(cell, vec3(3.2, 3.9, 3.9)), 2.6 - orbit(q), 1.0);
+    frontal.min(sphenoid).min(ethmoid)
 }
 
 /// Zygomatic bone with its free-standing arch.
@@ -149,7 +150,8 @@ fn maxilla(q: Vec3) -> f32 {
 pub fn skull(p: Vec3) -> f32 {
     let q = vec3(p.x.abs(), p.y, p.z);
     let room = cavity(q);
-    let mut d = smin(vault(q), room - 4.0, 6.0);
+    // Behind, the bone follows the posterior fossa in one sweep.
+    let mut d = smin(smin(vault(q), posterior_fossa(q) - 3.0, 30.0), room - 4.0, 6.0);
     // The egg is cut below: the base rises from the foramen magnum to the face.
     let base = mix(-27.0, -16.0, smoothstep(-40.0, 20.0, q.y));
     d = smax(d, base - 3.0 - q.z, 10.0);
@@ -161,7 +163,7 @@ pub fn skull(p: Vec3) -> f32 {
     d = smin(d, ellipsoid(q - vec3(16.0, -12.0, -28.0), vec3(5.5, 10.0, 5.5)), 5.0);
     d = smin(d, cone(q, vec3(45.0, 2.0, -14.0), vec3(40.0, 10.0, -38.0), 2.8, 1.2), 3.0);
     // Occiput: nuchal lines and the external protuberance.
-    d = smin(d, ellipsoid(q - vec3(0.0, -90.0, 6.0), vec3(9.0, 6.0, 7.0)), 14.0);
+    d = smin(d, ellipsoid(q - vec3(0.0, -86.0, 2.0), vec3(10.0, 6.0, 7.0)), 12.0);
     // Sphenoid body, clivus, pterygoid plates.
     d = smin(d, ellipsoid(q - vec3(0.0, 22.0, 5.0), vec3(18.0, 18.0, 14.0)), 8.0);
     d = smin(d, cone(q * vec3(0.6, 1.0, 1.0), vec3(0.0, 18.0, 4.0), vec3(0.0, 2.0, -22.0), 7.0, 5.0), 6.0);
@@ -176,9 +178,9 @@ pub fn skull(p: Vec3) -> f32 {
     d = smax(d, -piriform, 1.5);
     d = smax(d, -orbit(q), 2.5);
     // The nasal bones roof the opening; they come after it is cut.
-    let nasal = cone(vec3(q.x * 0.75, q.y, q.z), vec3(0.0, 86.0, 27.0), vec3(0.0, 97.0, 6.0), 4.5, 3.2);
-    let nasal = smax(nasal, -(nasal + 2.2).max(q.z - 20.0), 1.0);
-    d = smin(d, smax(nasal, 84.0 - q.y, 2.0), 3.0);
+    let nasal = cone(vec3(q.x * 0.75, q.y, q.z), vec3(0.0, 83.0, 29.0), vec3(0.0, 94.5, 6.0), 6.5, 5.0);
+    let nasal = smax(nasal, -smax(nasal + 3.0, q.z - 18.0, 3.0), 1.0);
+    d = smin(d, smax(nasal, 80.0 - q.y, 2.0), 3.0);
     d = smin(d, cone(q, vec3(0.0, 86.0, -29.0), vec3(0.0, 95.0, -26.5), 4.0, 1.2), 3.0);
     // Septum (vomer and the plate of the ethmoid) and turbinates.
     let septum = smax(smax(p.x.abs() - 0.9, (q.y - 57.0).abs() - 24.0, 1.0), (q.z + 4.0).abs() - 24.0, 1.0);
@@ -228,9 +230,9 @@ pub fn mandible(q: Vec3) -> f32 {
     // Ramus: a plate 32 mm long and 7 mm thick with two processes and the notch between them.
     let plate = rounded_box(turn_x(q - vec3(48.0, 25.0, -42.0), 0.10), vec3(3.2, 15.5, 20.0), 3.0);
     let angle = ellipsoid(q - vec3(47.5, 19.0, -56.0), vec3(4.6, 12.0, 9.0));
-    let neck = chain(q, &[(vec3(48.5, 17.0, -36.0), 4.0), (vec3(49.5, 13.0, -14.0), 3.6), (vec3(50.5, 11.5, -6.5), 4.0)], 3.0);
-    let condyle = cone(q, vec3(44.5, 10.5, -4.8), vec3(56.0, 12.0, -5.2), 4.0, 4.0);
-    let coronoid = chain(q, &[(vec3(48.0, 34.0, -32.0), 4.2), (vec3(48.0, 36.5, -16.0), 2.8), (vec3(48.0, 35.0, -9.0), 1.6)], 3.0);
+    let neck = chain(q, &[(vec3(48.5, 17.0, -36.0), 4.0), (vec3(49.5, 13.0, -18.0), 3.6), (vec3(50.5, 11.5, -10.5), 4.0)], 3.0);
+    let condyle = cone(q, vec3(44.5, 10.5, -9.3), vec3(56.0, 12.0, -9.6), 4.0, 4.0);
+    let coronoid = chain(q, &[(vec3(48.0, 34.0, -32.0), 4.2), (vec3(48.5, 37.0, -18.0), 2.8), (vec3(49.0, 36.0, -12.0), 1.6)], 3.0);
     let mut d = smin(body, chin, 7.0);
     d = smin(d, smin(plate, angle, 5.0), 6.0);
     d = smin(d, neck, 4.0);
@@ -374,7 +376,7 @@ pub fn vertebrae(q: Vec3) -> f32 {
     if bound > 12.0 {
         return bound;
     }
-    let canal = cone(q, vec3(0.0, -21.0, -30.0), vec3(0.0, -20.0, -130.0), 10.5, 9.5);
+    let canal = cone(q, vec3(0.0, -21.0, -30.0), vec3(0.0, -20.0, -130.0), 10.0, 8.5);
     // Atlas: a ring with two lateral masses and long transverse processes.
     let a = q - vec3(0.0, -18.0, -41.0);
     let flat = vec2(ellipse(vec2(a.x, a.y), vec2(20.0, 20.0)), a.z * 0.9);
@@ -391,8 +393,8 @@ pub fn vertebrae(q: Vec3) -> f32 {
         let pillar = smax(ellipse(vec2(v.x - 17.0, v.y + 11.0), vec2(6.0, 7.0)), (v.z + 0.5 * (v.y + 11.0)).abs() - 6.8, 3.0);
         let pedicle = cone(v, vec3(9.0, -3.0, 1.0), vec3(16.0, -11.0, 0.0), 3.2, 3.4);
         let process = cone(v, vec3(10.0, 1.0, -1.0), vec3(24.0, -2.0, -3.0), 3.0, 3.0);
-        let lamina = cone(v, vec3(15.0, -15.0, 0.0), vec3(1.0, -27.0, -3.0), 3.6, 3.6);
-        let spine = cone(v, vec3(0.0, -27.0, -3.0), vec3(2.5, -27.0 - 16.0 * size, -10.0), 3.6, 2.6);
+        let lamina = cone(v, vec3(15.0, -15.0, 0.0), vec3(1.0, -30.5, -3.0), 3.8, 3.8);
+        let spine = cone(v, vec3(0.0, -30.0, -3.0), vec3(2.5, -29.0 - 15.0 * size, -10.0), 3.8, 2.8);
         smin(smin(smin(body, pillar, 2.0), smin(pedicle, process, 2.0), 2.0), smin(lamina, spine, 2.0), 2.0)
     };
     d = d.min(smin(dens, level(-64.0, -3.0, 1.05), 3.0)).min(level(-84.5, -1.0, 0.85)).min(level(-104.0, 0.0, 0.9)).min(level(-123.0, 0.0, 0.95));

@@ -1,0 +1,89 @@
+//! The command line: arguments in, exit code out. Errors are one sentence on stderr; 0 = ok, 1 = failed, 2 = usage.
+
+mod adapters;
+mod inspect;
+mod progress_bar;
+mod render;
+mod volumes;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+
+/// Illustrative volume rendering: figures from CT, MRI and micro-CT volumes.
+#[derive(Parser, Debug)]
+#[command(name = "fabrica", version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand, Debug)]
+enum Command {
+    /// Draw the figure of a template into a PNG file.
+    Render(render::Arguments),
+    /// Say what a volume is: format, size, orientation, values, warnings.
+    Inspect(inspect::Arguments),
+    /// List the graphics adapters that can draw.
+    Adapters(adapters::Arguments),
+    /// Print the JSON Schema of templates.
+    Schema,
+}
+
+/// A fault of the command line rather than of the work.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct UsageError(String);
+
+impl UsageError {
+    fn new(message: impl Into<String>) -> anyhow::Error {
+        Self(message.into()).into()
+    }
+}
+
+/// Runs the program with `arguments`, the first of which is its own name.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let matches = match Cli::command().try_get_matches_from(arguments) {
+        Ok(matches) => matches,
+        Err(e) => {
+            // --help and --version come this way too; a closed pipe is no reason to fail.
+            let _ = e.print();
+            return ExitCode::from(e.exit_code() as u8);
+        }
+    };
+    let outcome = Cli::from_arg_matches(&matches).map_err(|e| UsageError::new(e.to_string())).and_then(|cli| {
+        // The positions of repeated options matter (--raw belongs to the --volume before it).
+        let matches = matches.subcommand().map_or(&matches, |(_, m)| m);
+        run(cli.command, matches)
+    });
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("fabrica: {error:#}");
+            ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
+        }
+    }
+}
+
+fn run(command: Command, matches: &clap::ArgMatches) -> Result<()> {
+    match command {
+        Command::Render(arguments) => render::run(&arguments, matches),
+        Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Adapters(arguments) => adapters::run(&arguments),
+        Command::Schema => {
+            let schema = schemars::schema_for!(crate::figure::Template);
+            print_line(&serde_json::to_string_pretty(&schema)?)
+        }
+    }
+}
+
+/// Prints to stdout; a reader that went away (`| head`) is not a failure.
+fn print_line(text: &str) -> Result<()> {
+    use std::io::Write as _;
+    match writeln!(std::io::stdout(), "{text}") {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(e.into()),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,206 @@
+//! `fabrica render`: template and volumes in, PNG out.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use fabrica_engine::gpu::{AdapterChoice, GpuContext};
+use fabrica_engine::image_out::{PngOptions, PngWriter, save_atomic};
+use fabrica_engine::render::{RenderOptions, Renderer};
+use fabrica_engine::styles::StyleLibrary;
+use fabrica_engine::{Error, Progress};
+
+use super::progress_bar::Bar;
+use super::{UsageError, volumes};
+use crate::figure::template::{Background, Page, QualityName};
+use crate::figure::{Template, bridge};
+
+#[derive(clap::Args, Debug)]
+pub struct Arguments {
+    /// The template (JSON).
+    template: PathBuf,
+    #[command(flatten)]
+    volumes: volumes::Arguments,
+    /// Pixels of the picture; its dots per inch follow from the template's width in mm.
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    size: Option<[u32; 2]>,
+    /// Dots per inch; the pixels follow from the template's size in mm. With --size: the width becomes pixels/dpi.
+    #[arg(long, value_name = "N", value_parser = parse_dpi)]
+    dpi: Option<f64>,
+    /// transparent or #rrggbb, in place of the template's.
+    #[arg(long, value_name = "COLOR")]
+    background: Option<Background>,
+    /// In place of the template's.
+    #[arg(long, value_enum)]
+    quality: Option<QualityName>,
+    /// software, hardware, or a part of an adapter's name (see `fabrica adapters`).
+    #[arg(long, value_name = "NAME", default_value = "auto")]
+    adapter: AdapterChoice,
+    /// A folder of lit-sphere pictures (square PNGs), used beside the built-in styles.
+    #[arg(long, value_name = "DIR")]
+    styles: Option<PathBuf>,
+    /// The PNG file to write.
+    #[arg(long, value_name = "FILE.png")]
+    out: PathBuf,
+    /// Say what is done and how long it takes.
+    #[arg(long, short)]
+    verbose: bool,
+}
+
+fn parse_size(text: &str) -> Result<[u32; 2], String> {
+    let edges = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    match edges {
+        Some([w, h]) if w > 0 && h > 0 => Ok([w, h]),
+        _ => Err("write it as WIDTHxHEIGHT in pixels, for example 1024x768".to_owned()),
+    }
+}
+
+fn parse_dpi(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|d: &f64| d.is_finite() && *d > 0.0).ok_or_else(|| "write a positive number".to_owned())
+}
+
+/// Pixels and dpi of an export: `size` sets the pixels, `dpi` the resolution, each follows from the page otherwise.
+fn pixels_and_dpi(page: &Page, size: Option<[u32; 2]>, dpi: Option<f64>) -> Result<([u32; 2], f64)> {
+    const MM_PER_INCH: f64 = 25.4;
+    match (size, dpi) {
+        (Some(size), Some(dpi)) => Ok((size, dpi)),
+        (Some(size), None) => Ok((size, f64::from(size[0]) / page.width_mm * MM_PER_INCH)),
+        (None, dpi) => {
+            let dpi = dpi.unwrap_or(page.dpi);
+            let [w, h] = [page.width_mm, page.height_mm].map(|mm| (mm / MM_PER_INCH * dpi).round());
+            let most = f64::from(fabrica_engine::render::MAX_IMAGE_EDGE);
+            if !(1.0..=most).contains(&w) || !(1.0..=most).contains(&h) {
+                anyhow::bail!(
+                    "{} x {} mm at {dpi} dpi are {w} x {h} pixels; choose a dpi that gives 1 to {most} of them",
+                    page.width_mm,
+                    page.height_mm
+                );
+            }
+            Ok(([w as u32, h as u32], dpi))
+        }
+    }
+}
+
+/// Says how long a stage took, if asked to.
+struct Clock(Option<Instant>);
+
+impl Clock {
+    fn lap(&mut self, stage: &str) {
+        if let Some(since) = &mut self.0 {
+            eprintln!("{stage}: {:.0} ms", since.elapsed().as_secs_f64() * 1e3);
+            *since = Instant::now();
+        }
+    }
+}
+
+/// Draws the figure.
+pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
+    let out = &arguments.out;
+    check_out(out)?;
+    let replacements = arguments.volumes.replacements(matches)?;
+    let mut template = Template::read(&arguments.template)?;
+    if let Some(background) = arguments.background {
+        template.background = background;
+    }
+    if let Some(quality) = arguments.quality {
+        template.quality = quality;
+    }
+    let (size, dpi) = pixels_and_dpi(&template.figure, arguments.size, arguments.dpi)?;
+    let mut clock = Clock(arguments.verbose.then(Instant::now));
+    let progress = Progress::new();
+    let _bar = Bar::watch(&progress);
+
+    let mut styles = StyleLibrary::embedded();
+    if let Some(folder) = &arguments.styles {
+        styles = styles.with_folder(folder)?;
+    }
+    // The adapter starts (a driver, often a compiler) while the volume is read.
+    let choice = arguments.adapter.clone();
+    let adapter = std::thread::spawn(move || GpuContext::new(&choice));
+    let folder = arguments.template.parent().unwrap_or(Path::new(""));
+    let volumes = bridge::load_volumes(&template, folder, &replacements, &progress)?;
+    for warning in volumes.iter().flat_map(|v| &v.warnings) {
+        eprintln!("warning: {warning}");
+    }
+    clock.lap("volumes");
+    let (scene, notes) = bridge::scene(&template, &volumes, &styles, &progress)?;
+    if arguments.verbose {
+        notes.iter().for_each(|note| eprintln!("note: {note}"));
+    }
+    clock.lap("scene");
+    let context = adapter.join().map_err(|_| anyhow::anyhow!("the graphics driver crashed; try another adapter"))??;
+    clock.lap("waiting for the adapter");
+    let mut renderer = Renderer::new(context);
+    let adapter = renderer.context().adapter.clone();
+
+    let options = PngOptions {
+        dpi,
+        opaque: template.background != Background::Transparent,
+        text: vec![
+            ("Software".to_owned(), format!("Fabrica {}", env!("CARGO_PKG_VERSION"))),
+            (
+                "Fabrica-Setting".to_owned(),
+                format!(
+                    "step {} voxels, termination {}, adapter {} ({})",
+                    scene.quality.step_voxels, scene.quality.termination, adapter.name, adapter.backend
+                ),
+            ),
+        ],
+    };
+    let report = save_atomic(out, |file| {
+        let mut png = PngWriter::new(file, size[0], size[1], &options)?;
+        let report = renderer.render_bands(&scene, size, &RenderOptions::default(), &progress, |rows| {
+            png.write_rows(rows)
+        })?;
+        png.finish()?;
+        Ok(report)
+    })
+    .with_context(|| "the figure was not written".to_owned())?;
+    clock.lap("drawing and writing");
+    for warning in report.warnings {
+        eprintln!("warning: {warning}");
+    }
+    if arguments.verbose {
+        eprintln!("adapter: {} ({}, {})", adapter.name, adapter.backend, adapter.kind);
+        eprintln!("pipeline: {}", report.pipeline);
+        let mm = size.map(|n| f64::from(n) / dpi * 25.4);
+        eprintln!("{}: {} x {} pixels at {dpi:.1} dpi = {:.1} x {:.1} mm", out.display(), size[0], size[1], mm[0], mm[1]);
+    }
+    Ok(())
+}
+
+/// What would make the last step fail is found before the first one.
+fn check_out(out: &Path) -> Result<()> {
+    let extension = out.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    if extension != "png" {
+        return Err(UsageError::new(format!("--out {} is no PNG file; give it the ending .png", out.display())));
+    }
+    let folder = out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        return Err(Error::file(folder, "the folder for the picture does not exist", "create it first").into());
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn size_and_dpi_follow_each_other() {
+        let page = Page { width_mm: 50.8, height_mm: 25.4, dpi: 300.0, extra: Default::default() };
+        assert_eq!(pixels_and_dpi(&page, None, None).unwrap(), ([600, 300], 300.0));
+        assert_eq!(pixels_and_dpi(&page, None, Some(100.0)).unwrap(), ([200, 100], 100.0));
+        assert_eq!(pixels_and_dpi(&page, Some([400, 400]), None).unwrap(), ([400, 400], 200.0));
+        assert_eq!(pixels_and_dpi(&page, Some([400, 400]), Some(72.0)).unwrap(), ([400, 400], 72.0));
+        assert!(pixels_and_dpi(&page, None, Some(1e9)).is_err());
+    }
+
+    #[test]
+    fn sizes_parse() {
+        assert_eq!(parse_size("10x20"), Ok([10, 20]));
+        for bad in ["", "10", "0x5", "10x", "-1x2", "1e3x2", "10x20x30"] {
+            assert!(parse_size(bad).is_err(), "{bad}");
+        }
+    }
+}

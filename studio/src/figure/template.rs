@@ -1,0 +1,414 @@
+//! Illustration templates, version 1: the JSON file that says everything about a figure but the voxels.
+//!
+//! Positions and lengths of the camera are relative to the object, so that a template fits the next dataset.
+//! Fields that this version does not know survive reading and writing (`extra`).
+
+use std::path::Path;
+
+use anyhow::{Context as _, Result, bail};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+/// The version that this program writes.
+pub const VERSION: u32 = 1;
+
+/// A figure: volumes, their look, the view, the page.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Template {
+    /// Version of the template format; this is version 1.
+    pub fabrica: u32,
+    /// What the figure shows.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub title: String,
+    /// Slots for volumes; `--volume` fills them in order.
+    pub volumes: Vec<VolumeSlot>,
+    /// What is drawn, from which slot and how.
+    pub objects: Vec<ObjectTemplate>,
+    /// Where it is seen from.
+    pub camera: CameraTemplate,
+    /// "transparent" or "#rrggbb".
+    #[serde(default)]
+    pub background: Background,
+    /// The figure on the page.
+    pub figure: Page,
+    /// What is traded between speed and accuracy.
+    #[serde(default)]
+    pub quality: QualityName,
+    /// Fields of other versions, kept as they are.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+/// A place for a volume, with the one that the template was made with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct VolumeSlot {
+    /// What objects call it.
+    pub name: String,
+    /// A file or folder, relative to the template, or "specimen:head" (a size may follow: "specimen:head@128").
+    pub file: String,
+    /// Which frame of a 4-D file, from 0.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub frame: usize,
+    /// For raw files: DIMSxTYPE[,spacing][,endian], as in "256x256x128xuint8,1x1x1,little".
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub raw: Option<String>,
+    /// Fields of other versions, kept as they are.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+/// One object: a volume with a look.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ObjectTemplate {
+    /// The slot's name.
+    pub volume: String,
+    /// Value → style and opacity.
+    pub transfer_function: TransferFunctionTemplate,
+    /// Standard deviation, in mm, of the Gaussian that smooths what gradients are taken from.
+    /// Default: one voxel (the smallest spacing). 0: no smoothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gradient_scale_mm: Option<f64>,
+    /// Fields of other versions, kept as they are.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+/// A 1-D style transfer function.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct TransferFunctionTemplate {
+    /// What the nodes' `at` counts.
+    pub domain: Domain,
+    /// The length in mm that opacities are stated for (d₀). Default: the volume's smallest spacing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference_length_mm: Option<f64>,
+    /// Ascending in `at`; between two of them style and opacity change linearly, outside they go on.
+    pub nodes: Vec<NodeTemplate>,
+    /// Fields of other versions, kept as they are.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+/// What a transfer function's positions count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Domain {
+    /// Data values (CT: HU).
+    Data,
+    /// Percentiles, 0 to 100, of the finite voxels above the background (Otsu's threshold; `inspect` states it).
+    Percentile,
+}
+
+/// One node of a transfer function.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct NodeTemplate {
+    /// Data value or percentile, as the function's domain says.
+    pub at: f64,
+    /// Name of a lit-sphere style.
+    pub style: String,
+    /// Opacity, 0 to 1, of one reference length of this material.
+    pub opacity: f64,
+    /// Fields of other versions, kept as they are.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+/// The view, in terms of the object: lengths are in radii of the sphere around it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CameraTemplate {
+    /// What center and radius are taken from.
+    #[serde(default)]
+    pub relative_to: Reference,
+    /// Direction from the object to the eye: right, anterior, superior. [0, 1, 0] looks at a face from the front.
+    pub from: [f64; 3],
+    /// Direction that is up in the picture.
+    #[serde(default = "superior")]
+    pub up: [f64; 3],
+    /// Central or parallel.
+    #[serde(default)]
+    pub projection: ProjectionName,
+    /// Vertical field of view in degrees (perspective).
+    #[serde(default = "default_fov")]
+    pub fov_deg: f64,
+    /// Height of what the picture shows at the target, in radii.
+    #[serde(default = "default_height")]
+    pub height: f64,
+    /// What the view's axis goes through: offset from the center, in radii, right/anterior/superior.
+    #[serde(default)]
+    pub target: [f64; 3],
+    /// Fields of other versions, kept as they are.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+/// What a camera is placed against.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Reference {
+    /// The box of what the transfer function shows (in bricks of 8 voxels): margins of air do not matter.
+    #[default]
+    Visible,
+    /// The box of the whole volume.
+    Volume,
+}
+
+/// How depth is projected.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum ProjectionName {
+    /// Central projection.
+    #[default]
+    Perspective,
+    /// Parallel projection.
+    Orthographic,
+}
+
+/// What lies behind the figure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Background {
+    /// Nothing: the picture has an alpha channel.
+    #[default]
+    Transparent,
+    /// An opaque sRGB color.
+    Color([u8; 3]),
+}
+
+/// Physical size and resolution.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Page {
+    /// Width on the page.
+    pub width_mm: f64,
+    /// Height on the page.
+    pub height_mm: f64,
+    /// Pixels per inch of an export.
+    #[serde(default = "default_dpi")]
+    pub dpi: f64,
+    /// Fields of other versions, kept as they are.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+/// A named setting of step and early termination.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum QualityName {
+    /// Two voxels a step.
+    Draft,
+    /// One voxel a step.
+    #[default]
+    Standard,
+    /// Half a voxel a step.
+    Final,
+}
+
+fn is_zero(n: &usize) -> bool {
+    *n == 0
+}
+
+fn superior() -> [f64; 3] {
+    [0.0, 0.0, 1.0]
+}
+
+fn default_fov() -> f64 {
+    20.0
+}
+
+fn default_height() -> f64 {
+    2.0
+}
+
+fn default_dpi() -> f64 {
+    300.0
+}
+
+impl Template {
+    /// Parses the text of a template.
+    ///
+    /// # Errors
+    /// One sentence: no JSON, another program's JSON, a newer version, a field of the wrong kind (with line and
+    /// column), a number that makes no sense.
+    pub fn parse(text: &str) -> Result<Self> {
+        // Its version first: what a newer version calls things is not this version's business.
+        let value: Value = serde_json::from_str(text)
+            .map_err(|e| anyhow::anyhow!("it is not JSON ({e}); open it in a text editor or restore an older copy"))?;
+        match value.get("fabrica").and_then(Value::as_u64) {
+            None => bail!("it is no Fabrica template: the field \"fabrica\": 1 is missing; see `fabrica schema`"),
+            Some(v) if v > u64::from(VERSION) => {
+                bail!("it is a template of version {v} and this program reads version {VERSION}; update Fabrica")
+            }
+            Some(0) => bail!("it is a template of version 0, which never existed; see `fabrica schema`"),
+            Some(_) => {}
+        }
+        let template: Self = serde_json::from_str(text)
+            .map_err(|e| anyhow::anyhow!("it does not follow the template's schema: {e}; see `fabrica schema`"))?;
+        template.check()?;
+        Ok(template)
+    }
+
+    /// Reads a template file.
+    ///
+    /// # Errors
+    /// As [`Template::parse`], or that the file cannot be read; the path comes last.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(|e| fabrica_engine::Error::io(path, &e))?;
+        let text = String::from_utf8(bytes)
+            .map_err(|_| anyhow::anyhow!("it is not UTF-8 text, so it is no template"))
+            .with_context(|| format!("cannot use the template {}", path.display()))?;
+        Self::parse(&text).with_context(|| format!("cannot use the template {}", path.display()))
+    }
+
+    /// The JSON text, indented, with a final line break.
+    ///
+    /// # Errors
+    /// If a number is not finite: JSON cannot hold it.
+    pub fn to_json(&self) -> Result<String> {
+        Ok(serde_json::to_string_pretty(self)? + "\n")
+    }
+
+    fn check(&self) -> Result<()> {
+        let page = &self.figure;
+        if !(page.width_mm > 0.0 && page.height_mm > 0.0 && page.dpi > 0.0) {
+            bail!(
+                "the figure is {} x {} mm at {} dpi; give positive numbers",
+                page.width_mm,
+                page.height_mm,
+                page.dpi
+            );
+        }
+        for object in &self.objects {
+            let Some(_) = self.volumes.iter().find(|v| v.name == object.volume) else {
+                bail!(
+                    "an object uses the volume \"{}\", which is not among the volumes; name one of: {}",
+                    object.volume,
+                    self.volumes.iter().map(|v| v.name.as_str()).collect::<Vec<_>>().join(", ")
+                );
+            };
+            let function = &object.transfer_function;
+            if function.nodes.is_empty() {
+                bail!("the transfer function of \"{}\" has no node; add at least one", object.volume);
+            }
+            if let Some(w) = function.nodes.windows(2).find(|w| w[0].at > w[1].at) {
+                bail!("the transfer function's nodes do not ascend ({} before {}); sort them", w[0].at, w[1].at);
+            }
+            if function.domain == Domain::Percentile
+                && let Some(n) = function.nodes.iter().find(|n| !(0.0..=100.0).contains(&n.at))
+            {
+                bail!("a node is at percentile {}; percentiles go from 0 to 100", n.at);
+            }
+            if let Some(n) = function.nodes.iter().find(|n| !(0.0..=1.0).contains(&n.opacity)) {
+                bail!("the node at {} has opacity {}; opacities go from 0 to 1", n.at, n.opacity);
+            }
+        }
+        if let Some(twice) =
+            (1..self.volumes.len()).find(|i| self.volumes[..*i].iter().any(|v| v.name == self.volumes[*i].name))
+        {
+            bail!("two volumes are called \"{}\"; give each its own name", self.volumes[twice].name);
+        }
+        Ok(())
+    }
+}
+
+impl std::str::FromStr for Background {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        if text == "transparent" {
+            return Ok(Self::Transparent);
+        }
+        let digits = text.strip_prefix('#').filter(|d| d.len() == 6 && d.bytes().all(|b| b.is_ascii_hexdigit()));
+        let code = digits.and_then(|d| u32::from_str_radix(d, 16).ok());
+        let [_, r, g, b] = code
+            .ok_or_else(|| format!("\"{text}\" is no background; write transparent or a color as #rrggbb"))?
+            .to_be_bytes();
+        Ok(Self::Color([r, g, b]))
+    }
+}
+
+impl std::fmt::Display for Background {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Transparent => f.write_str("transparent"),
+            Self::Color([r, g, b]) => write!(f, "#{r:02x}{g:02x}{b:02x}"),
+        }
+    }
+}
+
+impl Serialize for Background {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Background {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
+    }
+}
+
+impl JsonSchema for Background {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Background".into()
+    }
+
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        schemars::json_schema!({
+            "type": "string",
+            "description": "\"transparent\" or an opaque sRGB color.",
+            "pattern": "^(transparent|#[0-9a-fA-F]{6})$"
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SMALL: &str = r#"{
+  "fabrica": 1,
+  "future": {"a": [1, 2.5, "x"]},
+  "volumes": [{"name": "v", "file": "a.nii", "later": true}],
+  "objects": [{
+    "volume": "v",
+    "transfer_function": {"domain": "data", "nodes": [{"at": 0.1, "style": "wax", "opacity": 1.0, "tint": "red"}], "curve": 3},
+    "halo": null
+  }],
+  "camera": {"from": [0, 1, 0], "lens": "anamorphic"},
+  "figure": {"width_mm": 80, "height_mm": 60, "bleed_mm": 3}
+}"#;
+
+    #[test]
+    fn unknown_fields_survive_a_rewrite() {
+        let once = Template::parse(SMALL).unwrap().to_json().unwrap();
+        for key in ["future", "later", "tint", "curve", "halo", "lens", "bleed_mm"] {
+            assert!(once.contains(&format!("\"{key}\"")), "{key} is lost:\n{once}");
+        }
+        let twice = Template::parse(&once).unwrap().to_json().unwrap();
+        assert_eq!(once, twice, "a rewrite must be byte-stable");
+    }
+
+    #[test]
+    fn faults_are_sentences() {
+        let broken = |from: &str, to: &str| Template::parse(&SMALL.replace(from, to)).unwrap_err().to_string();
+        for (from, to, expected) in [
+            ("\"fabrica\": 1", "\"fabrica\": 2", "version 2"),
+            ("\"fabrica\": 1,", "", "no Fabrica template"),
+            ("\"fabrica\": 1,", "\"fabrica\": 1", "not JSON"),
+            ("\"domain\": \"data\"", "\"domain\": \"hu\"", "line"),
+            ("\"volume\": \"v\"", "\"volume\": \"w\"", "\"w\""),
+            ("\"opacity\": 1.0", "\"opacity\": 1.5", "opacities go from 0 to 1"),
+            ("\"width_mm\": 80", "\"width_mm\": 0", "positive"),
+        ] {
+            let message = broken(from, to);
+            assert!(message.contains(expected), "{to}: {message}");
+        }
+    }
+
+    #[test]
+    fn backgrounds_parse() {
+        assert_eq!("#FF8000".parse(), Ok(Background::Color([255, 128, 0])));
+        assert_eq!(Background::Color([255, 128, 0]).to_string(), "#ff8000");
+        for bad in ["", "red", "#12345", "#12345é", "#+12345"] {
+            assert!(bad.parse::<Background>().is_err(), "{bad}");
+        }
+    }
+}
