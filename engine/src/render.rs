@@ -238,7 +238,8 @@ impl Renderer {
                 Err(std::sync::mpsc::TryRecvError::Empty) => {}
                 Err(std::sync::mpsc::TryRecvError::Disconnected) => return Err(lost("no answer".to_owned())),
             }
-            let poll = wgpu::PollType::Wait { submission_index: None, timeout: Some(std::time::Duration::from_secs(5)) };
+            let poll =
+                wgpu::PollType::Wait { submission_index: None, timeout: Some(std::time::Duration::from_secs(5)) };
             match self.context.device.poll(poll) {
                 // OpenGL reports a timeout on work of several seconds: go on waiting.
                 Ok(_) | Err(wgpu::PollError::Timeout) => {}
@@ -282,12 +283,7 @@ fn put_over(background: Background, pixels: &mut [[f32; 4]]) {
     if let Background::Color(color) = background {
         for pixel in pixels {
             let through = 1.0 - pixel[3];
-            *pixel = [
-                pixel[0] + through * color[0],
-                pixel[1] + through * color[1],
-                pixel[2] + through * color[2],
-                1.0,
-            ];
+            *pixel = [pixel[0] + through * color[0], pixel[1] + through * color[1], pixel[2] + through * color[2], 1.0];
         }
     }
 }

@@ -19,7 +19,7 @@ impl Grid {
     /// # Errors
     /// A clause saying what is wrong: an axis of 0 voxels, an affine that is not finite or not invertible
     /// (volume of a voxel below 1e-30 mm³ or flatter than 1e-9), more voxels than fit an address.
-    pub fn new(dims: [usize; 3], world_from_index: DAffine3) -> std::result::Result<Self, String> {
+    pub fn new(dims: [usize; 3], world_from_index: DAffine3) -> Result<Self, String> {
         if dims.contains(&0) {
             return Err(format!("the grid has an axis of 0 voxels ({} x {} x {})", dims[0], dims[1], dims[2]));
         }

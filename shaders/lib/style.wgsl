@@ -4,6 +4,9 @@
 
 // Below this share of G a gradient is rounding noise of the 16-bit copy: no surface.
 const NO_SURFACE: f32 = 1e-5;
+// Below this share of G the normal is mostly noise: the style is read up to NOISE_LEVELS mips blurrier.
+const NOISY_SURFACE: f32 = 0.02;
+const NOISE_LEVELS: f32 = 3.0;
 
 struct Axes {
     right: vec3f,
@@ -32,9 +35,10 @@ fn shade(node: f32, g: vec3f, ray: vec3f, axes: Axes, level: f32) -> vec4f {
     let has_surface = magnitude > NO_SURFACE;
     let n_xy = select(vec2f(0.0), vec2f(dot(n, axes.right), dot(n, axes.up)), has_surface);
     let uv = style_uv(n_xy);
+    let blurred = level + NOISE_LEVELS * (1.0 - smoothstep(0.0, NOISY_SURFACE, magnitude));
     let first = floor(node);
-    let a = textureSampleLevel(styles, style_sampler, uv, node_layer(i32(first)), level);
-    let b = textureSampleLevel(styles, style_sampler, uv, node_layer(i32(ceil(node))), level);
+    let a = textureSampleLevel(styles, style_sampler, uv, node_layer(i32(first)), blurred);
+    let b = textureSampleLevel(styles, style_sampler, uv, node_layer(i32(ceil(node))), blurred);
     return mix(a, b, node - first);
 }
 

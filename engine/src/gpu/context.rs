@@ -70,6 +70,12 @@ pub struct GpuContext {
     pub formats: VolumeFormats,
 }
 
+/// What is wrong and what to do where wgpu finds nothing that can draw.
+pub const NO_ADAPTER: (&str, &str) = (
+    "there is no graphics adapter that can draw",
+    "install a Vulkan driver (Debian, Ubuntu: apt install mesa-vulkan-drivers; macOS and Windows have theirs)",
+);
+
 const OPTIONAL_FEATURES: wgpu::Features =
     wgpu::Features::TEXTURE_FORMAT_16BIT_NORM.union(wgpu::Features::FLOAT32_FILTERABLE);
 
@@ -77,7 +83,13 @@ fn enumerate(backends: wgpu::Backends) -> Vec<wgpu::Adapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = backends;
     let instance = wgpu::Instance::new(descriptor);
-    pollster::block_on(instance.enumerate_adapters(backends))
+    let mut adapters = pollster::block_on(instance.enumerate_adapters(backends));
+    // An adapter that cannot draw into f32 pixels (OpenGL in wgpu 30) cannot draw our pictures.
+    adapters.retain(|a| {
+        let target = a.get_texture_format_features(crate::pass::raycast::TARGET_FORMAT);
+        target.allowed_usages.contains(wgpu::TextureUsages::RENDER_ATTACHMENT)
+    });
+    adapters
 }
 
 /// Every adapter that wgpu finds, the native interfaces first, OpenGL last.
@@ -94,10 +106,7 @@ pub fn list_adapters() -> Vec<AdapterDescription> {
 
 fn formats_of(adapter: &wgpu::Adapter) -> VolumeFormats {
     let filterable = |format| {
-        adapter
-            .get_texture_format_features(format)
-            .flags
-            .contains(wgpu::TextureFormatFeatureFlags::FILTERABLE)
+        adapter.get_texture_format_features(format).flags.contains(wgpu::TextureFormatFeatureFlags::FILTERABLE)
     };
     let features = adapter.features();
     VolumeFormats {
@@ -161,10 +170,7 @@ impl GpuContext {
             }
         }
         if seen.is_empty() {
-            return Err(Error::gpu(
-                "there is no graphics adapter",
-                "install a graphics driver (Debian, Ubuntu: apt install mesa-vulkan-drivers)",
-            ));
+            return Err(Error::gpu(NO_ADAPTER.0, NO_ADAPTER.1));
         }
         Err(Error::gpu(
             format!("no graphics adapter fits \"{choice:?}\""),
@@ -204,7 +210,11 @@ impl GpuContext {
         let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
         let made = create(&self.device);
-        let faults = [pollster::block_on(internal.pop()), pollster::block_on(validation.pop()), pollster::block_on(memory.pop())];
+        let faults = [
+            pollster::block_on(internal.pop()),
+            pollster::block_on(validation.pop()),
+            pollster::block_on(memory.pop()),
+        ];
         match faults.into_iter().flatten().next() {
             None => Ok(made),
             Some(fault) => {

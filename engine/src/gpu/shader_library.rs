@@ -96,7 +96,9 @@ fn add(
             Some(import) => {
                 let target = match import.strip_prefix('{').and_then(|i| i.strip_suffix('}')) {
                     None => import,
-                    Some(choice) => choose(choice).ok_or_else(|| format!("no choice for {{{choice}}} in \"{name}\""))?,
+                    Some(choice) => {
+                        choose(choice).ok_or_else(|| format!("no choice for {{{choice}}} in \"{name}\""))?
+                    }
                 };
                 add(target, choose, seen, text)?;
             }

@@ -198,7 +198,11 @@ fn choose_encoding(context: &GpuContext, voxels: &Voxels, range: (f64, f64)) -> 
             (Texel::Float32, Encoding { offset, scale })
         }
     };
-    if texel == Texel::Unorm16 && !context.formats.r16_filterable { (Texel::Float32, encoding) } else { (texel, encoding) }
+    if texel == Texel::Unorm16 && !context.formats.r16_filterable {
+        (Texel::Float32, encoding)
+    } else {
+        (texel, encoding)
+    }
 }
 
 fn encode(voxels: &Voxels, part: std::ops::Range<usize>, encoding: Encoding, texel: Texel) -> Vec<u8> {

@@ -74,8 +74,7 @@ impl FrameUniform {
     pub fn new(camera: &Camera, grid: &Grid, quality: &Quality, image_size: [u32; 2]) -> Self {
         let (low, high) = grid.index_box();
         let center = grid.world_from_index().transform_point3(0.5 * (low + high));
-        let radius =
-            grid.box_corners_mm(low, high).iter().map(|corner| corner.distance(center)).fold(0.0, f64::max);
+        let radius = grid.box_corners_mm(low, high).iter().map(|corner| corner.distance(center)).fold(0.0, f64::max);
         let front = (center - camera.eye_mm).dot(camera.forward) - radius;
         let half = camera.half_height();
         let to_index = |v: DVec3| grid.index_from_world().transform_vector3(v).as_vec3().to_array();
@@ -140,7 +139,8 @@ impl TransferTable {
         let start = if high > low { low - cell } else { low - cell * (TABLE_SIZE / 2) as f64 };
         let entries: Vec<[f32; 2]> = (0..TABLE_SIZE)
             .map(|i| {
-                let c = function.classify(if i + 2 == TABLE_SIZE && high > low { high } else { start + i as f64 * cell });
+                let c =
+                    function.classify(if i + 2 == TABLE_SIZE && high > low { high } else { start + i as f64 * cell });
                 [c.opacity as f32, c.node as f32]
             })
             .collect();
@@ -431,10 +431,8 @@ fn make_pipeline(context: &GpuContext, frame_layout: &wgpu::BindGroupLayout, key
         if key.no_data {
             entries.push(entry(9, volume));
         }
-        let object_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("object"),
-            entries: &entries,
-        });
+        let object_layout = device
+            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("object"), entries: &entries });
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("raycast"),
             bind_group_layouts: &[Some(frame_layout), Some(&object_layout)],
@@ -530,10 +528,8 @@ fn upload_styles(context: &GpuContext, styles: &[Arc<StyleImage>]) -> Result<wgp
             "use fewer styles",
         ));
     }
-    let data: Vec<half::f16> = styles
-        .iter()
-        .flat_map(|s| s.mips.iter().flatten().flat_map(|texel| texel.map(half::f16::from_f32)))
-        .collect();
+    let data: Vec<half::f16> =
+        styles.iter().flat_map(|s| s.mips.iter().flatten().flat_map(|texel| texel.map(half::f16::from_f32))).collect();
     let descriptor = wgpu::TextureDescriptor {
         label: Some("styles"),
         size: extent([first.size, first.size, styles.len()]),

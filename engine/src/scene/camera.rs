@@ -95,11 +95,13 @@ mod tests {
     #[test]
     fn looking_along_up_has_a_frame() {
         for forward in [DVec3::Z, DVec3::NEG_Z, DVec3::Y] {
-            let c = Camera::looking(DVec3::ZERO, forward, forward, Projection::Orthographic { height_mm: 1.0 }).unwrap();
+            let c =
+                Camera::looking(DVec3::ZERO, forward, forward, Projection::Orthographic { height_mm: 1.0 }).unwrap();
             assert!((c.right.cross(c.up) + c.forward).length() < 1e-12, "{c:?}");
         }
         // Looking to the back (posterior) with S up: the patient's left is on the right-hand side of the picture.
-        let c = Camera::looking(DVec3::ZERO, DVec3::NEG_Y, DVec3::Z, Projection::Orthographic { height_mm: 1.0 }).unwrap();
+        let c =
+            Camera::looking(DVec3::ZERO, DVec3::NEG_Y, DVec3::Z, Projection::Orthographic { height_mm: 1.0 }).unwrap();
         assert!((c.right - DVec3::NEG_X).length() < 1e-12);
     }
 }

@@ -221,7 +221,8 @@ impl Head {
             let neck = smoothstep(-50.0, -90.0, p.z);
             let fat = 3.6 + 6.5 * cheek + 2.5 * neck;
             // Deep to it muscle in bundles, with fat in the planes between them.
-            let bundles = 1.1 - 7.0 * (noise(p * vec3(0.085, 0.085, 0.05), 5) + 0.35 * noise(p * vec3(0.2, 0.2, 0.09), 6)).abs();
+            let bundles =
+                1.1 - 7.0 * (noise(p * vec3(0.085, 0.085, 0.05), 5) + 0.35 * noise(p * vec3(0.2, 0.2, 0.09), 6)).abs();
             let filler = smax(skin + fat, bundles, 1.0);
             let muscle = smax(face::muscles(q), skin + 2.8, 1.0).min(filler);
             paint.put(muscle, 52.0 + 6.0 * grain, Part::Muscle);
@@ -395,11 +396,7 @@ pub fn generate(resolution: usize, progress: &Progress) -> Result<Specimen> {
     let labels = LabelMap {
         grid,
         voxels: labels,
-        labels: TABLE
-            .iter()
-            .zip(0..)
-            .map(|(&(name, color), id)| Label { id, name: name.to_owned(), color })
-            .collect(),
+        labels: TABLE.iter().zip(0..).map(|(&(name, color), id)| Label { id, name: name.to_owned(), color }).collect(),
     };
     Ok(Specimen { volume, labels })
 }

@@ -69,6 +69,11 @@ pub fn chain(p: Vec3, points: &[(Vec3, f32)], k: f32) -> f32 {
     points.windows(2).fold(f32::MAX, |d, w| smin(d, cone(p, w[0].0, w[1].0, w[0].1, w[1].1), k))
 }
 
+/// A tube along a finely divided curve ([`spline`]): the plain union of its cones.
+pub fn tube(p: Vec3, curve: &[(Vec3, f32)]) -> f32 {
+    curve.windows(2).fold(f32::MAX, |d, w| d.min(cone(p, w[0].0, w[1].0, w[0].1, w[1].1)))
+}
+
 /// Box about the origin with half sizes `h`, its edges rounded by `r` (included in `h`).
 #[inline]
 pub fn rounded_box(p: Vec3, h: Vec3, r: f32) -> f32 {
@@ -76,17 +81,35 @@ pub fn rounded_box(p: Vec3, h: Vec3, r: f32) -> f32 {
     q.max(Vec3::ZERO).length() + q.max_element().min(0.0) - r
 }
 
+/// Sine and cosine of an angle within ±1.6 rad (error below 1e-5). Like everything here it uses only the
+/// operations that round alike on every machine, never the system's mathematics library.
+#[inline]
+pub fn sin_cos(angle: f32) -> (f32, f32) {
+    let t = angle * angle;
+    let s = angle * (1.0 + t * (-1.0 / 6.0 + t * (1.0 / 120.0 + t * (-1.0 / 5040.0 + t / 362_880.0))));
+    let c = 1.0 + t * (-0.5 + t * (1.0 / 24.0 + t * (-1.0 / 720.0 + t * (1.0 / 40_320.0 - t / 3_628_800.0))));
+    (s, c)
+}
+
+/// Arc cosine of a number in ±1 (error below 1e-4; Abramowitz and Stegun 4.4.45).
+#[inline]
+pub fn acos(x: f32) -> f32 {
+    let a = x.abs().min(1.0);
+    let r = (1.0 - a).sqrt() * (1.570_728_8 + a * (-0.212_114_4 + a * (0.074_261 - a * 0.018_729_3)));
+    if x < 0.0 { std::f32::consts::PI - r } else { r }
+}
+
 /// `p` turned by `angle` radians about the x axis (y toward z).
 #[inline]
 pub fn turn_x(p: Vec3, angle: f32) -> Vec3 {
-    let (s, c) = angle.sin_cos();
+    let (s, c) = sin_cos(angle);
     vec3(p.x, c * p.y - s * p.z, s * p.y + c * p.z)
 }
 
 /// `p` turned by `angle` radians about the z axis (x toward y).
 #[inline]
 pub fn turn_z(p: Vec3, angle: f32) -> Vec3 {
-    let (s, c) = angle.sin_cos();
+    let (s, c) = sin_cos(angle);
     vec3(c * p.x - s * p.y, s * p.x + c * p.y, p.z)
 }
 

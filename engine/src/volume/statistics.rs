@@ -582,3 +582,202 @@ fn cumulate(mut runs: Vec<Run>, rescale: Rescale) -> Vec<Bin> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DAffine3;
+
+    use super::*;
+    use crate::spaces::Grid;
+
+    fn volume(voxels: Voxels, rescale: Rescale) -> Volume {
+        let grid = Grid::new([voxels.len(), 1, 1], DAffine3::IDENTITY).unwrap();
+        Volume::new(grid, voxels, rescale, "test").unwrap()
+    }
+
+    fn compute(voxels: Voxels, rescale: Rescale) -> Statistics {
+        let volume = volume(voxels, rescale);
+        let statistics = Statistics::compute(&volume, &Progress::new()).unwrap();
+        let range = (statistics.num_finite > 0).then_some((statistics.min, statistics.max));
+        assert_eq!(finite_range_and_count(&volume), (range, statistics.num_nonfinite));
+        assert_eq!(statistics.histogram.len(), NUM_HISTOGRAM_BINS);
+        assert_eq!(statistics.histogram.iter().sum::<u64>(), statistics.num_finite);
+        statistics
+    }
+
+    /// Numbers without a pattern, from Weyl's sequence: uniform in 0..1.
+    fn uniform(n: usize) -> impl Iterator<Item = f64> {
+        (1..=n).map(|i| (i as f64 * 0.618_033_988_749_894_9).fract())
+    }
+
+    fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
+        let mut sorted: Vec<f64> = values.filter(|v| v.is_finite()).collect();
+        sorted.sort_by(f64::total_cmp);
+        sorted
+    }
+
+    /// The definition of the percentile.
+    fn percentile_of(sorted: &[f64], p: f64) -> f64 {
+        sorted[((p / 100.0 * sorted.len() as f64).ceil() as usize).clamp(1, sorted.len()) - 1]
+    }
+
+    const PERCENTS: [f64; 11] = [0.0, 0.01, 1.0, 5.0, 25.0, 50.0, 75.0, 95.0, 99.0, 99.99, 100.0];
+
+    #[test]
+    fn every_type_agrees_with_sorting() {
+        let stored: Vec<f64> = uniform(5000).map(|u| (u * u * 120.0).floor() + 1.0).collect();
+        for rescale in [Rescale::IDENTITY, Rescale { slope: -2.5, intercept: 100.0 }] {
+            let values = sorted(stored.iter().map(|&v| rescale.value(v)));
+            let all = [
+                Voxels::U8(stored.iter().map(|&v| v as u8).collect()),
+                Voxels::I8(stored.iter().map(|&v| v as i8).collect()),
+                Voxels::U16(stored.iter().map(|&v| v as u16).collect()),
+                Voxels::I16(stored.iter().map(|&v| v as i16).collect()),
+                Voxels::U32(stored.iter().map(|&v| v as u32).collect()),
+                Voxels::I32(stored.iter().map(|&v| v as i32).collect()),
+                Voxels::U64(stored.iter().map(|&v| v as u64).collect()),
+                Voxels::I64(stored.iter().map(|&v| v as i64).collect()),
+                Voxels::F32(stored.iter().map(|&v| v as f32).collect()),
+                Voxels::F64(stored.clone()),
+            ];
+            let mut backgrounds = Vec::new();
+            for voxels in all {
+                let name = voxels.type_name();
+                let s = compute(voxels, rescale);
+                assert_eq!((s.num_finite, s.num_nonfinite), (5000, 0));
+                assert!((s.mean - values.iter().sum::<f64>() / 5000.0).abs() < 1e-9);
+                let above = sorted(values.iter().copied().filter(|&v| v > s.background));
+                assert_eq!(s.num_above_background(), above.len() as u64);
+                for p in PERCENTS {
+                    assert_eq!(s.percentile(p), percentile_of(&values, p), "{name} {p}");
+                    assert_eq!(s.percentile_above_background(p), percentile_of(&above, p), "{name} {p}");
+                }
+                backgrounds.push(s.background);
+            }
+            assert!(backgrounds.windows(2).all(|b| b[0] == b[1]), "{backgrounds:?}");
+        }
+    }
+
+    /// Many voxels of a wide type, so that they are binned.
+    fn check_binned(voxels: Voxels, values: impl Iterator<Item = f64>, rescale: Rescale) -> Statistics {
+        let num_voxels = voxels.len();
+        let s = compute(voxels, rescale);
+        let values = sorted(values.map(|v| rescale.value(v)));
+        assert_eq!((s.num_finite as usize, s.num_nonfinite as usize), (values.len(), num_voxels - values.len()));
+        for p in PERCENTS {
+            // The value of a rank at most 0.01 % off.
+            let got = s.percentile(p);
+            let (low, high) = (percentile_of(&values, p - 0.01), percentile_of(&values, p + 0.01));
+            assert!((low..=high).contains(&got), "{p} %: {got} is not in {low}..={high}");
+        }
+        assert_eq!((s.percentile(0.0), s.percentile(100.0)), (s.min, s.max));
+        let num_above = values.iter().filter(|&&v| v > s.background).count();
+        assert_eq!(s.num_above_background() as usize, num_above);
+        s
+    }
+
+    #[test]
+    fn binned_floats_with_absurd_outliers() {
+        let mut stored: Vec<f64> = uniform(400_000).map(|u| if u < 0.5 { 0.0 } else { 900.0 + 200.0 * u }).collect();
+        stored[7] = 1e30;
+        stored[8] = -1e30;
+        stored[9] = f64::NAN;
+        stored[10] = f64::NEG_INFINITY;
+        stored[11] = 1e-40;
+        for rescale in [Rescale::IDENTITY, Rescale { slope: -0.5, intercept: 10.0 }] {
+            let single: Vec<f32> = stored.iter().map(|&v| v as f32).collect();
+            let s = check_binned(Voxels::F32(single.clone()), single.iter().map(|&v| f64::from(v)), rescale);
+            // Otsu does not see the outliers, and ties stay exact.
+            assert!((s.num_above_background() as f64 - 200_000.0).abs() < 10.0, "{}", s.background);
+            let tie = if rescale.slope > 0.0 { 25.0 } else { 75.0 };
+            assert_eq!(s.percentile(tie), rescale.value(0.0));
+            let s = check_binned(Voxels::F64(stored.clone()), stored.iter().copied(), rescale);
+            assert_eq!(s.percentile(tie), rescale.value(0.0));
+        }
+    }
+
+    #[test]
+    fn binned_values_in_a_narrow_band() {
+        // Differences in the last bits, as of times or large offsets.
+        let stored: Vec<f64> = uniform(300_000).map(|u| 1e6 + 1e-6 * u).collect();
+        check_binned(Voxels::F64(stored.clone()), stored.into_iter(), Rescale::IDENTITY);
+        let mut wide: Vec<i64> = uniform(300_000).map(|u| (1 << 40) + (u * 1e7) as i64).collect();
+        wide[0] = i64::MIN;
+        wide[1] = i64::MAX;
+        check_binned(Voxels::I64(wide.clone()), wide.iter().map(|&v| v as f64), Rescale::IDENTITY);
+        let wide: Vec<i32> = uniform(300_000).map(|u| -1024 + (u * 4000.0) as i32).collect();
+        let s = check_binned(Voxels::I32(wide.clone()), wide.iter().map(|&v| f64::from(v)), Rescale::IDENTITY);
+        let values = sorted(wide.iter().map(|&v| f64::from(v)));
+        for p in PERCENTS {
+            assert_eq!(s.percentile(p), percentile_of(&values, p));
+        }
+    }
+
+    #[test]
+    fn the_number_of_threads_changes_nothing() {
+        let stored: Vec<f32> = uniform(500_000).map(|u| (1000.0 * u) as f32 - 300.0).collect();
+        let volume = volume(Voxels::F32(stored), Rescale { slope: 0.1, intercept: 3.0 });
+        let with_threads = |n| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
+            format!("{:?}", pool.install(|| Statistics::compute(&volume, &Progress::new())).unwrap())
+        };
+        let one = with_threads(1);
+        assert!(one == with_threads(2) && one == with_threads(5));
+    }
+
+    #[test]
+    fn nothing_finite_and_nothing_but_one_value() {
+        let none = compute(Voxels::F32(vec![f32::NAN, f32::INFINITY, f32::NEG_INFINITY]), Rescale::IDENTITY);
+        assert_eq!((none.num_finite, none.num_nonfinite), (0, 3));
+        assert_eq!((none.min, none.max, none.mean, none.background), (0.0, 0.0, 0.0, 0.0));
+        assert_eq!((none.percentile(50.0), none.percentile_above_background(50.0)), (0.0, 0.0));
+        for voxels in [Voxels::I16(vec![-7; 99]), Voxels::F64(vec![-7.0; 99]), Voxels::F32(vec![-7.0; 200_000])] {
+            let s = compute(voxels, Rescale::IDENTITY);
+            assert_eq!((s.min, s.max, s.mean, s.background), (-7.0, -7.0, -7.0, -7.0));
+            assert_eq!(s.num_above_background(), s.num_finite);
+            assert_eq!((s.percentile(0.0), s.percentile_above_background(30.0)), (-7.0, -7.0));
+        }
+    }
+
+    #[test]
+    fn the_ends_of_the_number_range() {
+        for voxels in [
+            Voxels::F64(vec![f64::MAX, f64::MIN, 0.0, -0.0]),
+            Voxels::F64(vec![5e-324, 0.0, 1e-323, 2e-323]),
+            Voxels::F32(vec![f32::MAX, f32::MIN, 1e-45, -1e-45]),
+            Voxels::U64(vec![u64::MAX, 0, 1, 2]),
+        ] {
+            let s = compute(voxels, Rescale::IDENTITY);
+            assert!(s.mean.is_finite() && (s.min..=s.max).contains(&s.mean));
+            assert!(s.percentile(50.0).is_finite() && s.background < s.max);
+        }
+        // A rescale that overflows is held at the largest number.
+        let s = compute(Voxels::F64(vec![1e300, -1e300, 1.0]), Rescale { slope: 1e200, intercept: 0.0 });
+        assert_eq!((s.min, s.max), (f64::MIN, f64::MAX));
+    }
+
+    #[test]
+    fn otsu_separates_two_humps_and_small_objects() {
+        let humps: Vec<u16> = uniform(10_000)
+            .enumerate()
+            .map(|(i, u)| (if i % 3 == 0 { 3000.0 + 400.0 * u } else { 100.0 + 300.0 * u }) as u16)
+            .collect();
+        let s = compute(Voxels::U16(humps), Rescale { slope: 1.0, intercept: -1024.0 });
+        assert_eq!((s.num_above_background(), s.background), (3334, 399.0 - 1024.0));
+        let mut small = vec![0_u8; 100_000];
+        small[5] = 200;
+        small[6] = 201;
+        let s = compute(Voxels::U8(small), Rescale::IDENTITY);
+        assert_eq!((s.background, s.num_above_background(), s.percentile_above_background(0.0)), (0.0, 2, 200.0));
+    }
+
+    #[test]
+    fn cancelling_stops() {
+        let progress = Progress::new();
+        progress.cancel();
+        for voxels in [Voxels::U8(vec![1; 10]), Voxels::F32(vec![1.0; 10])] {
+            let result = Statistics::compute(&volume(voxels, Rescale::IDENTITY), &progress);
+            assert!(matches!(result, Err(crate::Error::Cancelled)));
+        }
+    }
+}

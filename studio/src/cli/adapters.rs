@@ -1,6 +1,7 @@
 //! `fabrica adapters`.
 
 use anyhow::{Result, bail};
+use fabrica_engine::gpu::context::NO_ADAPTER;
 use fabrica_engine::gpu::list_adapters;
 
 #[derive(clap::Args, Debug)]
@@ -8,11 +9,15 @@ pub struct Arguments {
     /// Print JSON.
     #[arg(long)]
     json: bool,
+    /// List software adapters only.
+    #[arg(long)]
+    software: bool,
 }
 
 /// Lists what wgpu finds; finding nothing is a failure, so that scripts can ask.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let adapters = list_adapters();
+    let mut adapters = list_adapters();
+    adapters.retain(|a| !arguments.software || a.kind == "software");
     if arguments.json {
         super::print_line(&serde_json::to_string_pretty(&adapters)?)?;
     } else {
@@ -30,7 +35,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     if adapters.is_empty() {
-        bail!("there is no graphics adapter; install a driver (Debian, Ubuntu: apt install mesa-vulkan-drivers)");
+        bail!("{}; {}", NO_ADAPTER.0, NO_ADAPTER.1);
     }
     Ok(())
 }

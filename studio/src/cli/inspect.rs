@@ -72,7 +72,8 @@ const PERCENTS: [f64; 9] = [0.1, 1.0, 5.0, 25.0, 50.0, 75.0, 95.0, 99.0, 99.9];
 
 /// Reads and reports.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let source = VolumeSource::parse(&arguments.file_or_dir, Path::new("")).map_err(|e| UsageError::new(e.to_string()))?;
+    let source =
+        VolumeSource::parse(&arguments.file_or_dir, Path::new("")).map_err(|e| UsageError::because(e.to_string()))?;
     let progress = Progress::new();
     let bar = Bar::watch(&progress);
     let options = ReadOptions { frame: arguments.frame, raw: arguments.raw.clone() };
@@ -196,7 +197,8 @@ mod tests {
 
     #[test]
     fn numbers_are_short() {
-        for (x, text) in [(0.0, "0"), (0.7370000001, "0.737"), (-1024.0, "-1024"), (1e30, "1.0000e30"), (255.0, "255")] {
+        for (x, text) in [(0.0, "0"), (0.7370000001, "0.737"), (-1024.0, "-1024"), (1e30, "1.0000e30"), (255.0, "255")]
+        {
             assert_eq!(short(x), text);
         }
     }

@@ -38,7 +38,7 @@ enum Command {
 struct UsageError(String);
 
 impl UsageError {
-    fn new(message: impl Into<String>) -> anyhow::Error {
+    fn because(message: impl Into<String>) -> anyhow::Error {
         Self(message.into()).into()
     }
 }
@@ -53,7 +53,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             return ExitCode::from(e.exit_code() as u8);
         }
     };
-    let outcome = Cli::from_arg_matches(&matches).map_err(|e| UsageError::new(e.to_string())).and_then(|cli| {
+    let outcome = Cli::from_arg_matches(&matches).map_err(|e| UsageError::because(e.to_string())).and_then(|cli| {
         // The positions of repeated options matter (--raw belongs to the --volume before it).
         let matches = matches.subcommand().map_or(&matches, |(_, m)| m);
         run(cli.command, matches)

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use fabrica_engine::gpu::{AdapterChoice, GpuContext};
-use fabrica_engine::image_out::{PngOptions, PngWriter, save_atomic};
+use fabrica_engine::image_out::{PngOptions, save_atomic, write_png};
 use fabrica_engine::render::{RenderOptions, Renderer};
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::{Error, Progress};
@@ -148,12 +148,9 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
         ],
     };
     let report = save_atomic(out, |file| {
-        let mut png = PngWriter::new(file, size[0], size[1], &options)?;
-        let report = renderer.render_bands(&scene, size, &RenderOptions::default(), &progress, |rows| {
-            png.write_rows(rows)
-        })?;
-        png.finish()?;
-        Ok(report)
+        write_png(file, size[0], size[1], &options, |rows| {
+            renderer.render_bands(&scene, size, &RenderOptions::default(), &progress, |band| rows.write(band))
+        })
     })
     .with_context(|| "the figure was not written".to_owned())?;
     clock.lap("drawing and writing");
@@ -164,7 +161,14 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
         eprintln!("adapter: {} ({}, {})", adapter.name, adapter.backend, adapter.kind);
         eprintln!("pipeline: {}", report.pipeline);
         let mm = size.map(|n| f64::from(n) / dpi * 25.4);
-        eprintln!("{}: {} x {} pixels at {dpi:.1} dpi = {:.1} x {:.1} mm", out.display(), size[0], size[1], mm[0], mm[1]);
+        eprintln!(
+            "{}: {} x {} pixels at {dpi:.1} dpi = {:.1} x {:.1} mm",
+            out.display(),
+            size[0],
+            size[1],
+            mm[0],
+            mm[1]
+        );
     }
     Ok(())
 }
@@ -173,7 +177,7 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
 fn check_out(out: &Path) -> Result<()> {
     let extension = out.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     if extension != "png" {
-        return Err(UsageError::new(format!("--out {} is no PNG file; give it the ending .png", out.display())));
+        return Err(UsageError::because(format!("--out {} is no PNG file; give it the ending .png", out.display())));
     }
     let folder = out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !folder.is_dir() {

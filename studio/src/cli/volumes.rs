@@ -34,27 +34,27 @@ impl Arguments {
         let volumes = places("volume");
         let owner = |option: &str, place: usize| -> Result<usize> {
             let before = volumes.iter().filter(|v| **v < place).count();
-            before
-                .checked_sub(1)
-                .ok_or_else(|| UsageError::new(format!("{option} has no --volume before it; put it after its --volume")))
+            before.checked_sub(1).ok_or_else(|| {
+                UsageError::because(format!("{option} has no --volume before it; put it after its --volume"))
+            })
         };
         let mut replacements = Vec::new();
         for text in &self.volume {
-            let source = VolumeSource::parse(text, Path::new("")).map_err(|e| UsageError::new(e.to_string()))?;
+            let source = VolumeSource::parse(text, Path::new("")).map_err(|e| UsageError::because(e.to_string()))?;
             replacements.push(Replacement { source, options: ReadOptions::default() });
         }
         for (place, text) in places("raw").into_iter().zip(&self.raw) {
             let slot = &mut replacements[owner("--raw", place)?].options.raw;
-            let layout = text.parse().map_err(|e| UsageError::new(format!("--raw {text}: {e}")))?;
+            let layout = text.parse().map_err(|e| UsageError::because(format!("--raw {text}: {e}")))?;
             if slot.replace(layout).is_some() {
-                return Err(UsageError::new("one --volume has two --raw; give it one"));
+                return Err(UsageError::because("one --volume has two --raw; give it one"));
             }
         }
         let mut framed = vec![false; replacements.len()];
         for (place, frame) in places("frame").into_iter().zip(&self.frame) {
             let slot = owner("--frame", place)?;
             if std::mem::replace(&mut framed[slot], true) {
-                return Err(UsageError::new("one --volume has two --frame; give it one"));
+                return Err(UsageError::because("one --volume has two --frame; give it one"));
             }
             replacements[slot].options.frame = *frame;
         }

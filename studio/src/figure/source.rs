@@ -67,9 +67,11 @@ fn cache_folder() -> Option<PathBuf> {
 
 fn load_specimen(name: &str, resolution: usize, progress: &Progress) -> Result<Volume> {
     // The name goes into a file name only once the engine knows it.
-    let file = specimen::NAMES.contains(&name).then(cache_folder).flatten().map(|folder| {
-        folder.join(format!("specimen-{name}-{resolution}-v{}.nrrd", specimen::version(name)))
-    });
+    let file = specimen::NAMES
+        .contains(&name)
+        .then(cache_folder)
+        .flatten()
+        .map(|folder| folder.join(format!("specimen-{name}-{resolution}-v{}.nrrd", specimen::version(name))));
     if let Some(file) = &file
         && file.exists()
     {

@@ -268,12 +268,7 @@ impl Template {
     fn check(&self) -> Result<()> {
         let page = &self.figure;
         if !(page.width_mm > 0.0 && page.height_mm > 0.0 && page.dpi > 0.0) {
-            bail!(
-                "the figure is {} x {} mm at {} dpi; give positive numbers",
-                page.width_mm,
-                page.height_mm,
-                page.dpi
-            );
+            bail!("the figure is {} x {} mm at {} dpi; give positive numbers", page.width_mm, page.height_mm, page.dpi);
         }
         for object in &self.objects {
             let Some(_) = self.volumes.iter().find(|v| v.name == object.volume) else {

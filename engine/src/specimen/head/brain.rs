@@ -5,6 +5,8 @@
 //! across the depth of the shell, so that sulci cut in at right angles to the surface and keep an even width.
 //! The great sulci are seeded where anatomy has them, and their neighbors line up with them.
 
+use std::f32::consts::{FRAC_PI_2, TAU};
+
 use glam::{Vec3, vec2, vec3};
 use rayon::prelude::*;
 
@@ -12,7 +14,7 @@ use super::skull;
 use crate::specimen::sdf::*;
 
 /// Cerebrospinal fluid between inner table and brain, mm.
-const FLUID_MM: f32 = 1.8;
+const FLUID_MM: f32 = 1.4;
 
 /// Smooth outer hull of one hemisphere, sulci not yet cut.
 pub fn hull(q: Vec3) -> f32 {
@@ -45,32 +47,82 @@ fn position(i: usize) -> Vec3 {
 
 /// Distance from the courses of the great sulci, mm.
 fn great_sulci(q: Vec3) -> f32 {
-    let central = chain(q, &[(vec3(6.0, -16.0, 110.0), 0.0), (vec3(30.0, -8.0, 102.0), 0.0), (vec3(50.0, 0.0, 80.0), 0.0), (vec3(62.0, 10.0, 46.0), 0.0)], 0.1);
-    let sylvian = chain(q, &[(vec3(45.0, 42.0, 18.0), 0.0), (vec3(64.0, 10.0, 28.0), 0.0), (vec3(66.0, -34.0, 40.0), 0.0)], 0.1);
-    let temporal = chain(q, &[(vec3(54.0, 36.0, 8.0), 0.0), (vec3(64.0, 0.0, 10.0), 0.0), (vec3(64.0, -36.0, 22.0), 0.0), (vec3(54.0, -58.0, 46.0), 0.0)], 0.1);
-    let frontal = chain(q, &[(vec3(24.0, 78.0, 56.0), 0.0), (vec3(27.0, 50.0, 86.0), 0.0), (vec3(27.0, 14.0, 103.0), 0.0)], 0.1);
-    let parietal = chain(q, &[(vec3(44.0, -24.0, 88.0), 0.0), (vec3(34.0, -48.0, 88.0), 0.0), (vec3(26.0, -74.0, 66.0), 0.0)], 0.1);
-    let cingulate = chain(q, &[(vec3(1.0, 55.0, 32.0), 0.0), (vec3(1.0, 50.0, 58.0), 0.0), (vec3(1.0, 10.0, 74.0), 0.0), (vec3(1.0, -34.0, 68.0), 0.0)], 0.1);
-    let occipital = chain(q, &[(vec3(1.0, -66.0, 68.0), 0.0), (vec3(1.0, -50.0, 30.0), 0.0), (vec3(1.0, -84.0, 26.0), 0.0)], 0.1);
+    let central = chain(
+        q,
+        &[
+            (vec3(6.0, -16.0, 110.0), 0.0),
+            (vec3(30.0, -8.0, 102.0), 0.0),
+            (vec3(50.0, 0.0, 80.0), 0.0),
+            (vec3(62.0, 10.0, 46.0), 0.0),
+        ],
+        0.1,
+    );
+    let sylvian =
+        chain(q, &[(vec3(45.0, 42.0, 18.0), 0.0), (vec3(64.0, 10.0, 28.0), 0.0), (vec3(66.0, -34.0, 40.0), 0.0)], 0.1);
+    let temporal = chain(
+        q,
+        &[
+            (vec3(54.0, 36.0, 8.0), 0.0),
+            (vec3(64.0, 0.0, 10.0), 0.0),
+            (vec3(64.0, -36.0, 22.0), 0.0),
+            (vec3(54.0, -58.0, 46.0), 0.0),
+        ],
+        0.1,
+    );
+    let frontal =
+        chain(q, &[(vec3(24.0, 78.0, 56.0), 0.0), (vec3(27.0, 50.0, 86.0), 0.0), (vec3(27.0, 14.0, 103.0), 0.0)], 0.1);
+    let parietal = chain(
+        q,
+        &[(vec3(44.0, -24.0, 88.0), 0.0), (vec3(34.0, -48.0, 88.0), 0.0), (vec3(26.0, -74.0, 66.0), 0.0)],
+        0.1,
+    );
+    let cingulate = chain(
+        q,
+        &[
+            (vec3(1.0, 55.0, 32.0), 0.0),
+            (vec3(1.0, 50.0, 58.0), 0.0),
+            (vec3(1.0, 10.0, 74.0), 0.0),
+            (vec3(1.0, -34.0, 68.0), 0.0),
+        ],
+        0.1,
+    );
+    let occipital =
+        chain(q, &[(vec3(1.0, -66.0, 68.0), 0.0), (vec3(1.0, -50.0, 30.0), 0.0), (vec3(1.0, -84.0, 26.0), 0.0)], 0.1);
     central.min(sylvian).min(temporal).min(frontal).min(parietal).min(cingulate).min(occipital)
 }
 
 /// One pass of a three-tap binomial blur along every axis: variance of half a cell² each.
 fn blur(field: &mut Vec<f32>, spare: &mut Vec<f32>) {
-    let [nx, ny, _] = CELLS;
-    for (stride, n) in [(1, nx), (nx, ny), (nx * ny, CELLS[2])] {
-        let source: &[f32] = field;
-        spare.par_chunks_mut(nx * ny).enumerate().for_each(|(z, out)| {
-            for (k, o) in out.iter_mut().enumerate() {
-                let i = z * nx * ny + k;
-                let along = i / stride % n;
-                let a = source[if along > 0 { i - stride } else { i }];
-                let b = source[if along + 1 < n { i + stride } else { i }];
-                *o = 0.25 * (a + b) + 0.5 * source[i];
+    let [nx, ny, nz] = CELLS;
+    let layer = nx * ny;
+    let source: &[f32] = field;
+    spare.par_chunks_mut(layer).enumerate().for_each(|(z, out)| {
+        // Along z into `out`, then along y and x within the layer.
+        let at = |z: usize| &source[z * layer..][..layer];
+        let (below, here, above) = (at(z.saturating_sub(1)), at(z), at((z + 1).min(nz - 1)));
+        let mut rows = vec![0.0; layer];
+        for (((r, a), b), c) in rows.iter_mut().zip(below).zip(here).zip(above) {
+            *r = 0.25 * (a + c) + 0.5 * b;
+        }
+        for y in 0..ny {
+            let at = |y: usize| &rows[y * nx..][..nx];
+            let (a, b, c) = (at(y.saturating_sub(1)), at(y), at((y + 1).min(ny - 1)));
+            let mut before = 0.25 * (a[0] + c[0]) + 0.5 * b[0];
+            let mut now = before;
+            for x in 0..nx {
+                let k = (x + 1).min(nx - 1);
+                let after = 0.25 * (a[k] + c[k]) + 0.5 * b[k];
+                out[y * nx + x] = 0.25 * (before + after) + 0.5 * now;
+                (before, now) = (now, after);
             }
-        });
-        std::mem::swap(field, spare);
-    }
+        }
+    });
+    std::mem::swap(field, spare);
+}
+
+/// A soft limit to ±1, steepness 1 at 0.
+fn squash(u: f32) -> f32 {
+    u / (1.0 + u * u).sqrt()
 }
 
 impl Folds {
@@ -102,10 +154,9 @@ impl Folds {
             .collect();
         let pull: Vec<f32> = (0..count)
             .into_par_iter()
-            .map(|i| if gather[i].is_some() { -0.9 * (-(great_sulci(position(i)) / 3.0).powi(2)).exp() } else { 0.0 })
+            .map(|i| if gather[i].is_some() { -0.9 * bump(great_sulci(position(i)), 6.0) } else { 0.0 })
             .collect();
-        let mut field: Vec<f32> =
-            (0..count).map(|i| unit(hash(i as i32, 0, 0, seed)) * 2.0 - 1.0).collect();
+        let mut field: Vec<f32> = (0..count).map(|i| unit(hash(i as i32, 0, 0, seed)) * 2.0 - 1.0).collect();
         let mut spare = vec![0.0; count];
         const ROUNDS: usize = 26;
         for round in 0..ROUNDS {
@@ -129,9 +180,11 @@ impl Folds {
                 .collect();
             let mean = {
                 // In index order: the sum does not depend on the threads.
-                let (sum, n) = response.iter().zip(&gather).filter(|(_, g)| g.is_some()).fold((0.0_f64, 0.0_f64), |(s, n), (r, _)| {
-                    (s + f64::from(r * r), n + 1.0)
-                });
+                let (sum, n) = response
+                    .iter()
+                    .zip(&gather)
+                    .filter(|(_, g)| g.is_some())
+                    .fold((0.0_f64, 0.0_f64), |(s, n), (r, _)| (s + f64::from(r * r), n + 1.0));
                 (sum / n.max(1.0)).sqrt() as f32
             };
             let gain = 1.0 / mean.max(1e-6);
@@ -141,7 +194,7 @@ impl Folds {
                     Some(at) => {
                         let u = trilinear(&response, at) * gain + pull[i];
                         // At the end the pattern is driven to its plateaus: every sulcus is cut through.
-                        if last { (3.0 * u).tanh() } else { (1.6 * u).tanh() }
+                        squash(if last { 5.0 * u } else { 2.0 * u })
                     }
                     None => 0.0,
                 })
@@ -160,7 +213,12 @@ impl Folds {
         let base = g.floor();
         let weights = |t: f32| {
             let s = 1.0 - t;
-            [s * s * s / 6.0, (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0, (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0, t * t * t / 6.0]
+            [
+                s * s * s / 6.0,
+                (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0,
+                (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0,
+                t * t * t / 6.0,
+            ]
         };
         let f = g - base;
         let (wx, wy, wz) = (weights(f.x), weights(f.y), weights(f.z));
@@ -234,22 +292,24 @@ pub fn cerebrum(p: Vec3, folds: &Folds) -> Parts {
     let center = core(q).min(callosum(q));
     let u = folds.at(q);
     // From the pattern to the distance from the middle of the sulcus, mm.
-    let from_sulcus = ((-u / 0.85).clamp(-1.0, 1.0).acos()) * (PERIOD_MM / std::f32::consts::TAU);
+    let from_sulcus = (acos(-u / 0.85)) * (PERIOD_MM / TAU);
     let depth = -smooth;
     let floor = 11.0 * smoothstep(2.0, 12.0, center);
     // Sulci gape at the surface and are slits below.
-    let half_width = mix(1.25, 0.55, smoothstep(0.0, 5.0, depth));
+    let half_width = mix(1.35, 0.8, smoothstep(0.0, 5.0, depth));
     let slit = smax(from_sulcus - half_width, depth - floor, 2.5);
     let mut d = smax(smooth, -slit, 3.6);
     // Sylvian fissure: a slanting sheet, 20 mm deep, that frees the temporal lobe.
-    let line = q.z - 26.5 + 0.29 * (q.y - 10.0) - 1.5 * (q.y * 0.12).sin();
-    let sheet = smax(line.abs() * 0.95 - mix(1.0, 2.6, smoothstep(10.0, 44.0, q.y)), smax(42.0 - q.x, -36.0 - q.y, 3.0), 3.0);
+    let line = q.z - 26.5 + 0.29 * (q.y - 10.0) - 1.6 * noise(vec3(q.y * 0.06, q.x * 0.03, 0.5), 31);
+    let sheet =
+        smax(line.abs() * 0.95 - mix(0.9, 2.0, smoothstep(10.0, 44.0, q.y)), smax(42.0 - q.x, -36.0 - q.y, 3.0), 3.0);
     d = smax(d, -sheet, 4.0);
     let body = smin(smin(d, core(q), 4.0), callosum(q), 2.0);
     // Cortex is 2.8 mm thick.
     let white = smin(smax(d + 2.8, smooth + 3.0, 2.0), callosum(q), 3.0);
     let thalamus = ellipsoid(q - vec3(11.0, -11.0, 33.0), vec3(9.0, 15.0, 9.0));
-    let caudate = chain(q, &[(vec3(14.5, 27.0, 38.0), 6.0), (vec3(16.0, 8.0, 45.0), 3.5), (vec3(18.5, -16.0, 46.0), 2.2)], 3.0);
+    let caudate =
+        chain(q, &[(vec3(14.5, 27.0, 38.0), 6.0), (vec3(16.0, 8.0, 45.0), 3.5), (vec3(18.5, -16.0, 46.0), 2.2)], 3.0);
     let putamen = ellipsoid(turn_z(q - vec3(26.0, 9.0, 30.0), 0.2), vec3(5.0, 18.0, 11.0));
     Parts { cerebrum: body, white, nuclei: thalamus.min(caudate).min(putamen) }
 }
@@ -270,7 +330,12 @@ pub fn ventricles(q: Vec3) -> f32 {
     );
     let horn = chain(
         q,
-        &[(vec3(24.5, -40.0, 34.0), 5.5), (vec3(33.0, -26.0, 18.0), 3.4), (vec3(35.0, -4.0, 8.0), 3.0), (vec3(34.0, 14.0, 5.0), 2.2)],
+        &[
+            (vec3(24.5, -40.0, 34.0), 5.5),
+            (vec3(33.0, -26.0, 18.0), 3.4),
+            (vec3(35.0, -4.0, 8.0), 3.0),
+            (vec3(34.0, 14.0, 5.0), 2.2),
+        ],
         4.0,
     );
     let third = smax(q.x - 1.9, ellipse(vec2(q.y + 3.0, q.z - 30.0), vec2(15.0, 11.0)), 1.5);
@@ -297,7 +362,9 @@ pub fn cerebellum(q: Vec3) -> (f32, f32) {
     let a = vec2(-(q.y + 20.0), q.z + 4.0 - 0.08 * q.x);
     let wave = 1.2 * noise(q * 0.09, 77);
     let radius = a.length().max(6.0);
-    let angle = a.y.atan2(a.x) + wave * 0.05;
+    // The octant-free angle a.y / (|a.x| + |a.y|) stands in for the true one; leaves are even enough.
+    let t = a.y / (a.x.abs() + a.y.abs()).max(1.0);
+    let angle = if a.x < 0.0 { t.signum() * 2.0 - t } else { t } * FRAC_PI_2 + wave * 0.05;
     let spacing = 0.105;
     let k = angle / spacing;
     let off = (k - k.round()).abs() * spacing * radius;
@@ -313,7 +380,14 @@ pub fn cerebellum(q: Vec3) -> (f32, f32) {
 pub fn stem(q: Vec3) -> f32 {
     let trunk = chain(
         q,
-        &[(vec3(0.0, -6.0, 22.0), 12.0), (vec3(0.0, -10.0, 4.0), 11.5), (vec3(0.0, -14.0, -14.0), 9.5), (vec3(0.0, -19.5, -32.0), 6.0), (vec3(0.0, -21.0, -50.0), 5.4), (vec3(0.0, -20.0, -135.0), 5.4)],
+        &[
+            (vec3(0.0, -6.0, 22.0), 12.0),
+            (vec3(0.0, -10.0, 4.0), 11.5),
+            (vec3(0.0, -14.0, -14.0), 9.5),
+            (vec3(0.0, -19.5, -32.0), 6.0),
+            (vec3(0.0, -21.0, -50.0), 5.4),
+            (vec3(0.0, -20.0, -135.0), 5.4),
+        ],
         6.0,
     );
     let pons = ellipsoid(q - vec3(0.0, -7.0, -1.0), vec3(17.0, 12.0, 13.0));

@@ -22,6 +22,12 @@ pub const EYE_RADIUS: f32 = 12.0;
 
 /// Outer surface of the skin. `p` is in world mm: the nevus of the left cheek (x < 0) is part of it.
 pub fn skin(p: Vec3) -> f32 {
+    let d = bare_skin(p);
+    let nevus = p - *NEVUS;
+    if nevus.length_squared() < 64.0 { smin(d, ellipsoid(nevus, vec3(2.8, 2.4, 2.8)), 1.4) } else { d }
+}
+
+fn bare_skin(p: Vec3) -> f32 {
     let q = vec3(p.x.abs(), p.y, p.z);
     // Scalp: 6 mm over the vault, 5 on the forehead.
     let mut d = skull::vault(q) - 6.0;
@@ -33,7 +39,16 @@ pub fn skin(p: Vec3) -> f32 {
     let midface = ellipsoid(q - vec3(0.0, 26.0, -12.0), vec3(63.0, 65.0, 66.0));
     let muzzle = ellipsoid(q - vec3(0.0, 56.0, -52.0), vec3(38.0, 40.0, 34.0));
     let chin = ellipsoid(q - vec3(0.0, 80.0, -82.0), vec3(19.0, 15.5, 13.0));
-    let jaw = chain(q, &[(vec3(16.0, 78.0, -80.0), 13.0), (vec3(40.0, 42.0, -66.0), 13.0), (vec3(49.0, 17.0, -53.0), 13.0), (vec3(55.0, 6.0, -15.0), 13.0)], 8.0);
+    let jaw = chain(
+        q,
+        &[
+            (vec3(16.0, 78.0, -80.0), 13.0),
+            (vec3(40.0, 42.0, -66.0), 13.0),
+            (vec3(49.0, 17.0, -53.0), 13.0),
+            (vec3(55.0, 6.0, -15.0), 13.0),
+        ],
+        8.0,
+    );
     let floor = ellipsoid(q - vec3(0.0, 40.0, -66.0), vec3(36.0, 44.0, 22.0));
     d = smin(d, midface, 26.0);
     d = smin(d, muzzle, 20.0);
@@ -41,23 +56,39 @@ pub fn skin(p: Vec3) -> f32 {
     d = smin(d, chin, 14.0);
     // Cheekbone and its arch.
     d = smin(d, ellipsoid(turn_z(q - vec3(45.0, 63.0, -9.0), -0.7), vec3(17.0, 12.0, 13.0)), 16.0);
-    let arch = chain(q, &[(vec3(50.0, 63.0, -7.0), 9.0), (vec3(61.5, 45.0, -8.0), 7.5), (vec3(64.5, 28.0, -6.0), 7.0), (vec3(63.0, 4.0, 1.0), 8.0)], 6.0);
+    let arch = chain(
+        q,
+        &[
+            (vec3(50.0, 63.0, -7.0), 9.0),
+            (vec3(61.5, 45.0, -8.0), 7.5),
+            (vec3(64.5, 28.0, -6.0), 7.0),
+            (vec3(63.0, 4.0, 1.0), 8.0),
+        ],
+        6.0,
+    );
     d = smin(d, arch, 18.0);
     // Outer rim of the orbit and the temporalis behind it.
-    d = smin(d, chain(q, &[(vec3(50.0, 62.0, -4.0), 8.0), (vec3(51.0, 62.0, 14.0), 7.2), (vec3(49.0, 68.0, 30.0), 8.0)], 5.0), 12.0);
+    d = smin(
+        d,
+        chain(q, &[(vec3(50.0, 62.0, -4.0), 8.0), (vec3(51.0, 62.0, 14.0), 7.2), (vec3(49.0, 68.0, 30.0), 8.0)], 5.0),
+        12.0,
+    );
     d = smin(d, ellipsoid(q - vec3(52.0, 34.0, 22.0), vec3(17.0, 32.0, 32.0)), 16.0);
+    // Cheek pad.
+    d = smin(d, ellipsoid(q - vec3(37.0, 66.0, -34.0), vec3(17.0, 17.0, 24.0)), 18.0);
     // Brow: ridge from the glabella to the outer corner.
-    let brow = chain(q, &[(vec3(0.0, 87.5, 30.0), 7.0), (vec3(26.0, 86.5, 34.0), 7.0), (vec3(46.0, 74.0, 31.0), 7.0)], 6.0);
+    let brow =
+        chain(q, &[(vec3(0.0, 87.5, 30.0), 7.0), (vec3(26.0, 86.5, 34.0), 7.0), (vec3(46.0, 74.0, 31.0), 7.0)], 6.0);
     d = smin(d, brow, 12.0);
     if p.y > 45.0 {
-        d = features(p, q, d);
+        d = features(q, d);
     }
     d = ear_onto(q, d);
     d
 }
 
 /// Eyes, nose, mouth and the small relief of the face, worked into the mass `d`.
-fn features(p: Vec3, q: Vec3, mut d: f32) -> f32 {
+fn features(q: Vec3, mut d: f32) -> f32 {
     // Eye sockets and lids.
     let e = q - EYE;
     if e.length() < 34.0 + FAR_MM {
@@ -65,20 +96,21 @@ fn features(p: Vec3, q: Vec3, mut d: f32) -> f32 {
         d = smax(d, -socket, 13.0);
         // Toward the nose the socket is deepest.
         d = smax(d, -ellipsoid(q - vec3(18.5, 94.0, 17.5), vec3(5.5, 7.0, 7.0)), 9.0);
-        let lids = ellipsoid(e - vec3(0.0, 0.4, 0.4), vec3(16.4, 14.6, 13.6));
+        let along = e.x / 15.5;
+        // The closed fissure: an arc below the middle of the globe, its outer corner a little higher.
+        let fissure = -5.6 + 4.0 * along * along + 1.0 * along;
+        let below = e.z - fissure;
+        // The upper lid laps over the lower one by half a millimeter.
+        let lap = 0.55 * smoothstep(-0.5, 0.7, below) * smoothstep(9.0, 2.0, below);
+        let lids = ellipsoid(e - vec3(0.0, 0.4, 0.4), vec3(16.4, 14.4, 13.6)) - lap;
         d = smin(d, lids, 8.0);
         if e.y > 0.0 {
-            let along = e.x / 15.5;
-            // Distance from the lids' surface: the lines below are drawn on it and fade out under it.
-            let off = (e.length() - 14.8) * 0.6;
-            // The closed fissure: an arc below the middle of the globe, its outer corner a little higher.
-            let fissure = -5.0 + 3.6 * along * along + 1.0 * along;
-            let lower = vec2(e.z - fissure, off).length();
-            d = smax(d, 0.95 * smoothstep(1.1, 0.8, along.abs()) - lower, 1.3);
+            // Lines are drawn on the surface as it is here: tubes along it, half sunk in.
+            let lash = vec2(below, d).length();
+            let fold = vec2(e.z - (7.8 - 5.4 * along * along + 0.8 * along), d).length();
+            d = smax(d, 1.05 * smoothstep(1.06, 0.8, along.abs()) - lash, 1.0);
             // Upper crease, where the lid folds back under the brow.
-            let crease = 7.6 - 5.6 * along * along + 0.8 * along;
-            let fold = vec2(e.z - crease, off).length();
-            d = smax(d, 0.9 * smoothstep(1.1, 0.5, along.abs()) - fold, 2.6);
+            d = smax(d, 0.7 * smoothstep(1.0, 0.5, along.abs()) - 0.35 - fold, 2.4);
         }
     }
     // Nose.
@@ -90,34 +122,47 @@ fn features(p: Vec3, q: Vec3, mut d: f32) -> f32 {
         d = mouth(q, d);
     }
     // Crease from the wing of the nose past the corner of the mouth.
-    let fold = chain(q, &[(vec3(20.0, 98.0, -20.0), 0.5), (vec3(28.0, 92.5, -36.0), 1.4), (vec3(33.0, 84.0, -54.0), 0.2)], 2.0);
-    d = smax(d, -fold, 6.0);
-    // Cheek pads.
-    d = smin(d, ellipsoid(q - vec3(37.0, 66.0, -34.0), vec3(17.0, 17.0, 24.0)), 18.0);
-    // Nevus: 5 mm across, on the patient's left cheek only.
-    smin(d, ellipsoid(p - NEVUS, vec3(2.6, 2.6, 2.6)), 1.6)
+    let fold = chain(
+        q,
+        &[(vec3(20.0, 98.0, -20.0), 0.4), (vec3(28.0, 93.0, -36.0), 0.6), (vec3(34.5, 86.0, -52.0), -1.2)],
+        2.0,
+    );
+    d = smax(d, -fold, 8.0);
+    d
 }
 
-/// Center of the nevus on the patient's LEFT cheek (x < 0), world mm.
-pub const NEVUS: Vec3 = vec3(-41.0, 79.5, -24.0);
+/// The nevus, a bump 5 mm across on the patient's LEFT cheek (x < 0): where it sits on the skin, world mm.
+static NEVUS: LazyLock<Vec3> = LazyLock::new(|| {
+    let mut at = vec3(-37.0, 110.0, -27.0);
+    for _ in 0..40 {
+        at.y -= 0.7 * bare_skin(at);
+    }
+    at
+});
 
 fn nose(q: Vec3, mut d: f32) -> f32 {
     let s = vec3(q.x * 0.86, q.y, q.z);
-    let bridge = chain(s, &[(vec3(0.0, 85.5, 25.0), 7.0), (vec3(0.0, 97.0, 6.0), 7.0), (vec3(0.0, 107.5, -11.0), 7.5)], 8.0);
+    let bridge =
+        chain(s, &[(vec3(0.0, 85.5, 25.0), 7.0), (vec3(0.0, 97.0, 6.0), 7.0), (vec3(0.0, 107.5, -11.0), 7.5)], 8.0);
     d = smin(d, bridge, 10.0);
-    let tip = ellipsoid(q - vec3(3.0, 110.0, -16.5), vec3(7.5, 8.5, 7.2));
+    let tip = ellipsoid(q - vec3(2.0, 110.0, -16.0), vec3(7.6, 8.5, 7.4));
     d = smin(d, tip, 6.0);
     // Base and wings.
     d = smin(d, ellipsoid(q - vec3(0.0, 100.0, -17.0), vec3(12.0, 11.0, 9.0)), 6.0);
-    let wing = ellipsoid(turn_z(q - vec3(11.8, 101.0, -21.0), 0.35), vec3(6.2, 9.8, 7.2));
-    d = smin(d, wing, 5.0);
+    let wing = ellipsoid(turn_z(q - vec3(11.0, 100.5, -20.6), 0.35), vec3(5.8, 9.8, 6.6));
+    d = smin(d, wing, 6.5);
     // Groove above and behind the wing.
-    let groove = chain(q, &[(vec3(13.5, 111.0, -12.5), 0.4), (vec3(19.5, 102.5, -13.0), 0.8), (vec3(20.5, 95.0, -22.0), 0.8)], 3.0);
+    let groove = chain(
+        q,
+        &[(vec3(13.5, 111.0, -12.5), 0.4), (vec3(19.5, 102.5, -13.0), 0.8), (vec3(20.5, 95.0, -22.0), 0.8)],
+        3.0,
+    );
     d = smax(d, -groove, 4.0);
     // Columella.
-    d = smin(d, cone(q, vec3(0.0, 111.0, -22.5), vec3(0.0, 99.0, -28.0), 3.0, 4.0), 4.0);
+    d = smin(d, cone(q, vec3(0.0, 110.0, -21.0), vec3(0.0, 99.0, -27.0), 3.2, 4.0), 4.0);
     // Nostrils lead up and back into the cavity.
-    let nostril = chain(q, &[(vec3(7.4, 105.0, -30.0), 2.6), (vec3(7.0, 103.0, -24.5), 3.2), (vec3(5.0, 98.0, -19.0), 2.6)], 2.0);
+    let nostril =
+        chain(q, &[(vec3(7.4, 105.0, -30.0), 2.6), (vec3(7.0, 103.0, -24.5), 3.2), (vec3(5.0, 98.0, -19.0), 2.6)], 2.0);
     smax(d, -nostril, 1.8)
 }
 
@@ -141,14 +186,15 @@ fn mouth(q: Vec3, mut d: f32) -> f32 {
     // Upper lip: cupid's bow lifts it at 5 mm from the midline and dips in the middle.
     let bow = 2.2 * bump(x - 6.0, 9.0) - 0.8 * bump(x, 5.0);
     let upper = vec2(l.y - 1.0, (l.z - 3.2 * taper - bow * 0.7) * mix(1.7, 1.0, taper)).length() - mix(2.0, 5.0, taper);
-    let lower = vec2(l.y - 0.4, (l.z + 4.4 * taper + 0.6) * mix(1.6, 0.86, taper)).length() - mix(2.0, 5.6, smoothstep(corner, 4.0, x));
+    let lower = vec2(l.y - 0.4, (l.z + 4.4 * taper + 0.6) * mix(1.6, 0.86, taper)).length()
+        - mix(2.0, 5.6, smoothstep(corner, 4.0, x));
     let end = x - corner;
     d = smin(d, smax(upper, end, 4.0), 4.0);
     d = smin(d, smax(lower, end + 1.5, 4.0), 4.5);
     // The line between the lips: slightly waved.
     let line_z = 0.9 * bump(x - 5.0, 7.0) - 0.5 - 0.0016 * x * x;
-    let slit = vec2((l.z - line_z) * 1.0, (l.y - 5.0).max(0.0) * 0.0).length();
-    let slit = smax(slit - 0.55 * fade - 0.15, (1.0 - l.y).max(end), 1.0);
+    let slit = (l.z - line_z).abs();
+    let slit = smax(slit - 0.45 * fade - 0.1, (2.2 - l.y).max(end), 1.0);
     d = smax(d, -slit, 1.6);
     // Corners are drawn in.
     d = smax(d, -ellipsoid(q - vec3(corner + 1.5, 95.0, -53.0), vec3(2.6, 3.0, 2.6)), 4.0);
@@ -175,7 +221,7 @@ const EAR: (Vec3, f32) = (vec3(76.0, -10.0, 3.0), 44.0);
 /// The auricle leans back by 12° and stands off the head by 22°.
 fn ear_frame(q: Vec3) -> Vec3 {
     let a = turn_x(q - vec3(70.5, -1.0, 1.0), 0.21);
-    let (s, c) = 0.38_f32.sin_cos();
+    let (s, c) = sin_cos(0.38);
     // Backward direction leaves the head: (sin, -cos).
     vec3(a.x * s - a.y * c, a.z, a.x * c + a.y * s)
 }
@@ -195,7 +241,7 @@ static HELIX: LazyLock<Vec<(Vec3, f32)>> = LazyLock::new(|| {
             (vec3(25.0, -3.0, 0.6), 2.0),
             (vec3(19.0, -13.0, 0.0), 2.0),
         ],
-        3,
+        4,
     )
 });
 
@@ -211,11 +257,17 @@ pub fn ear(q: Vec3) -> f32 {
     let r = vec2((l.x - 7.5) / 9.5, (l.y - 0.5) / 12.5).length();
     let dish = -8.0 * smoothstep(1.05, 0.35, r);
     let sheet = smax(outline, ((l.z - dish) * 0.75).abs() - 1.7, 2.5);
-    let helix = chain(l, &HELIX, 1.5);
+    let helix = tube(l, &HELIX);
     let lobule = ellipsoid(l - vec3(7.5, -22.0, -0.5), vec3(9.0, 9.0, 3.2));
     let antihelix = chain(
         l,
-        &[(vec3(11.0, -11.0, 0.5), 2.4), (vec3(18.0, -3.0, 1.0), 2.4), (vec3(19.0, 8.0, 1.2), 2.5), (vec3(16.0, 16.0, 0.8), 2.2), (vec3(10.0, 23.0, 0.0), 1.6)],
+        &[
+            (vec3(11.0, -11.0, 0.5), 2.4),
+            (vec3(18.0, -3.0, 1.0), 2.4),
+            (vec3(19.0, 8.0, 1.2), 2.5),
+            (vec3(16.0, 16.0, 0.8), 2.2),
+            (vec3(10.0, 23.0, 0.0), 1.6),
+        ],
         2.0,
     );
     let crus = cone(l, vec3(17.0, 14.0, 0.8), vec3(5.0, 15.5, 0.0), 2.2, 1.2);
@@ -247,7 +299,11 @@ pub fn cartilage(q: Vec3) -> f32 {
     let septum = smax(septum, (vec2(q.y - 84.0, q.z - 22.0).dot(vec2(0.80, 0.60)) - 14.0).max(-27.0 - q.z), 1.0);
     let alar = ellipsoid(q - vec3(4.5, 108.0, -16.5), vec3(5.0, 5.5, 4.5));
     let nose = smax(septum.min(alar), 84.0 - q.y, 1.0);
-    let thyroid = smax((ellipse(vec2(q.x, q.y - 22.0), vec2(17.0, 24.0))).abs() - 1.8, smax((q.z + 121.0).abs() - 11.0, 18.0 - q.y, 1.0), 1.0);
+    let thyroid = smax(
+        (ellipse(vec2(q.x, q.y - 22.0), vec2(17.0, 24.0))).abs() - 1.8,
+        smax((q.z + 121.0).abs() - 11.0, 18.0 - q.y, 1.0),
+        1.0,
+    );
     let mut d = nose.min(thyroid);
     if (q - EAR.0).length() < EAR.1 {
         d = d.min(ear(q) + 1.3);
@@ -265,12 +321,27 @@ pub fn airways(p: Vec3, skin: f32) -> f32 {
     let lower = ellipsoid(q - vec3(9.5, 62.0, -19.0), vec3(2.8, 22.0, 5.0));
     let middle = ellipsoid(q - vec3(7.0, 58.0, -4.0), vec3(2.6, 20.0, 5.4));
     let nasal = smax(nasal, -(septum.min(lower).min(middle)), 1.0);
-    let vestibule = chain(q, &[(vec3(7.4, 105.0, -31.0), 2.4), (vec3(7.0, 103.0, -24.5), 3.0), (vec3(5.0, 97.0, -18.0), 2.8), (vec3(5.0, 84.0, -14.0), 3.6)], 3.0);
+    let vestibule = chain(
+        q,
+        &[
+            (vec3(7.4, 105.0, -31.0), 2.4),
+            (vec3(7.0, 103.0, -24.5), 3.0),
+            (vec3(5.0, 97.0, -18.0), 2.8),
+            (vec3(5.0, 84.0, -14.0), 3.6),
+        ],
+        3.0,
+    );
     let sinuses = (skull::maxillary_sinus(q) + 1.0).min(skull::midline_sinuses(p) + 0.6);
     let flat = vec3(q.x * 0.62, q.y, q.z);
     let throat = chain(
         flat,
-        &[(vec3(0.0, 34.0, -8.0), 6.5), (vec3(0.0, 19.0, -26.0), 6.0), (vec3(0.0, 15.0, -60.0), 5.0), (vec3(0.0, 20.0, -95.0), 6.0), (vec3(0.0, 22.0, -135.0), 7.0)],
+        &[
+            (vec3(0.0, 34.0, -8.0), 6.5),
+            (vec3(0.0, 19.0, -26.0), 6.0),
+            (vec3(0.0, 15.0, -60.0), 5.0),
+            (vec3(0.0, 20.0, -95.0), 6.0),
+            (vec3(0.0, 22.0, -135.0), 7.0),
+        ],
         6.0,
     );
     // A film of air above the tongue.
@@ -281,7 +352,11 @@ pub fn airways(p: Vec3, skin: f32) -> f32 {
 
 /// Muscles with a surface of their own, before the fat between them.
 pub fn muscles(q: Vec3) -> f32 {
-    let masseter = chain(q, &[(vec3(58.0, 50.0, -12.0), 7.0), (vec3(56.0, 34.0, -34.0), 8.0), (vec3(53.0, 19.0, -56.0), 7.0)], 5.0);
+    let masseter = chain(
+        q,
+        &[(vec3(58.0, 50.0, -12.0), 7.0), (vec3(56.0, 34.0, -34.0), 8.0), (vec3(53.0, 19.0, -56.0), 7.0)],
+        5.0,
+    );
     // Temporalis: fans over the side of the vault and dives under the arch to the coronoid.
     let fan = smax(skull::vault(q) - 5.0, ellipsoid(q - vec3(66.0, 22.0, 30.0), vec3(26.0, 52.0, 48.0)), 4.0);
     let dive = cone(q, vec3(55.0, 38.0, 16.0), vec3(50.0, 36.0, -14.0), 9.0, 6.0);

@@ -2,6 +2,8 @@
 //!
 //! Functions take `q`, the position with x mirrored to the positive side, unless they say `p`.
 
+use std::sync::LazyLock;
+
 use glam::{Vec2, Vec3, vec2, vec3};
 
 use crate::specimen::sdf::*;
@@ -41,7 +43,8 @@ pub fn cerebral_room(q: Vec3) -> f32 {
 
 /// The room of cerebellum and brain stem below the tentorium.
 pub fn posterior_fossa(q: Vec3) -> f32 {
-    let fossa = ellipsoid(q - vec3(0.0, -45.0, -4.0), vec3(53.0, 41.0, 29.0));
+    // Its long axis rises backward, as the nuchal plane under it does.
+    let fossa = ellipsoid(turn_x(q - vec3(0.0, -45.0, -4.0), 0.32), vec3(53.0, 41.0, 28.0));
     smax(fossa, q.z - 26.0, 8.0)
 }
 
@@ -65,10 +68,12 @@ pub fn orbit(q: Vec3) -> f32 {
     let side = axis.cross(Vec3::Z).normalize();
     let up = side.cross(axis);
     let s = vec2(a.dot(side), a.dot(up) + a.dot(side) * 0.12);
-    let r = mix(3.0, 20.0, (h.max(0.0) / 50.0).powf(0.62)).min(21.0 + 0.1 * h);
+    let t = (h / 50.0).max(0.0);
+    // The walls open quickly behind and run nearly parallel toward the rim.
+    let r = mix(3.0, 20.0, t / (0.42 + 0.58 * t));
     // A superellipse: squarer than a circle, wider than high.
     let m = vec2(s.x / 1.07, s.y / 0.93).abs();
-    let n = (m.x.powi(3) + m.y.powi(3)).cbrt();
+    let n = (m.x * m.x * m.x * m.x + m.y * m.y * m.y * m.y).sqrt().sqrt();
     smax((n - r) * 0.85, -h - 1.0, 3.0)
 }
 
@@ -88,8 +93,8 @@ pub fn nasal_cavity(q: Vec3) -> f32 {
 
 /// The maxillary sinus.
 pub fn maxillary_sinus(q: Vec3) -> f32 {
-    let body = ellipsoid(q - vec3(31.0, 62.0, -17.0), vec3(11.0, 15.0, 12.5));
-    smax(body, 4.0 - (orbit(q)), 4.0)
+    let body = ellipsoid(q - vec3(30.0, 60.0, -18.0), vec3(10.0, 14.0, 12.0));
+    smax(body, 4.5 - orbit(q), 3.0)
 }
 
 /// Frontal, ethmoid and sphenoid air cells.
@@ -101,31 +106,36 @@ pub fn midline_sinuses(p: Vec3) -> f32 {
     let sphenoid = ellipsoid(q - vec3(6.5, 20.0, 4.0), vec3(5.6, 11.0, 8.5));
     // Ethmoid: two rows of small cells between the orbits.
     let e = vec3(q.x - 7.5, q.y - 56.0, q.z - 15.0);
-    let cell = vec3(e.x, e.y - (e.y / 9.0).round().clamp(-2.0, 2.0) * 9.0, e.z - (e.z / 9.0).round().clamp(-1.0, 0.0) * 9.0);
+    let cell =
+        vec3(e.x, e.y - (e.y / 9.0).round().clamp(-2.0, 2.0) * 9.0, e.z - (e.z / 9.0).round().clamp(-1.0, 0.0) * 9.0);
     let ethmoid = smax(ellipsoid(cell, vec3(3.2, 3.9, 3.9)), 2.6 - orbit(q), 1.0);
     frontal.min(sphenoid).min(ethmoid)
 }
+
+/// The zygomatic arch is modeled with z halved: a round tube becomes an upright strap, and the distance stays a
+/// lower bound.
+const STRAP: Vec3 = vec3(1.0, 1.0, 0.55);
+
+static ARCH: LazyLock<Vec<(Vec3, f32)>> = LazyLock::new(|| {
+    let points = [
+        (vec3(53.0, 62.0, -8.0), 3.4),
+        (vec3(62.0, 48.0, -8.0), 2.7),
+        (vec3(65.5, 32.0, -6.0), 2.4),
+        (vec3(65.0, 17.0, -2.5), 2.5),
+        (vec3(60.0, 4.0, 2.0), 3.2),
+    ];
+    spline(&points.map(|(p, r)| (p * STRAP, r)), 4)
+});
 
 /// Zygomatic bone with its free-standing arch.
 fn zygoma(q: Vec3) -> f32 {
     let body = ellipsoid(turn_z(q - vec3(46.0, 66.0, -9.0), -0.75), vec3(12.0, 7.0, 11.0));
     let rim = cone(q, vec3(30.0, 80.0, -6.0), vec3(48.0, 69.0, -3.0), 4.5, 5.0);
-    let lateral = chain(q, &[(vec3(50.0, 66.0, -4.0), 6.0), (vec3(52.5, 63.0, 14.0), 4.5), (vec3(50.0, 69.0, 31.0), 5.5)], 4.0);
+    let lateral =
+        chain(q, &[(vec3(50.0, 66.0, -4.0), 6.0), (vec3(52.5, 63.0, 14.0), 4.5), (vec3(50.0, 69.0, 31.0), 5.5)], 4.0);
     let buttress = cone(q, vec3(47.0, 63.0, -13.0), vec3(35.0, 64.0, -31.0), 7.0, 6.0);
-    // The arch is a strap: 4 mm thick, 8 mm high. Halving z keeps the distance a lower bound.
-    let s = vec3(q.x, q.y, q.z * 0.55);
-    let at = |x: f32, y: f32, z: f32| vec3(x, y, z * 0.55);
-    let arch = chain(
-        s,
-        &[
-            (at(53.0, 62.0, -8.0), 3.4),
-            (at(62.0, 48.0, -8.0), 2.6),
-            (at(65.5, 32.0, -6.0), 2.3),
-            (at(65.0, 17.0, -2.5), 2.6),
-            (at(60.0, 4.0, 2.0), 3.4),
-        ],
-        3.0,
-    );
+    // The arch is a strap: 4 mm thick, 8 mm high.
+    let arch = tube(q * STRAP, &ARCH);
     smin(smin(smin(body, rim, 6.0), smin(lateral, buttress, 4.0), 7.0), arch, 3.0)
 }
 
@@ -151,9 +161,9 @@ pub fn skull(p: Vec3) -> f32 {
     let q = vec3(p.x.abs(), p.y, p.z);
     let room = cavity(q);
     // Behind, the bone follows the posterior fossa in one sweep.
-    let mut d = smin(smin(vault(q), posterior_fossa(q) - 3.0, 30.0), room - 4.0, 6.0);
+    let mut d = smin(smin(vault(q), posterior_fossa(q) - 3.5, 24.0), room - 4.0, 6.0);
     // The egg is cut below: the base rises from the foramen magnum to the face.
-    let base = mix(-27.0, -16.0, smoothstep(-40.0, 20.0, q.y));
+    let base = mix(-27.0, -16.0, smoothstep(-40.0, 20.0, q.y)) + 0.42 * (-32.0 - q.y).max(0.0);
     d = smax(d, base - 3.0 - q.z, 10.0);
     // Temporal fossa: the narrowing behind the orbit that the temporalis fills.
     d = smax(d, -ellipsoid(q - vec3(67.0, 46.0, 8.0), vec3(19.0, 25.0, 34.0)), 14.0);
@@ -170,7 +180,8 @@ pub fn skull(p: Vec3) -> f32 {
     d = smin(d, rounded_box(q - vec3(15.0, 31.0, -16.0), vec3(2.0, 8.0, 17.0), 1.5), 4.0);
 
     // The face.
-    let brow = chain(q, &[(vec3(7.0, 85.0, 31.0), 7.5), (vec3(28.0, 83.5, 36.0), 6.5), (vec3(48.0, 72.0, 31.0), 5.5)], 5.0);
+    let brow =
+        chain(q, &[(vec3(7.0, 85.0, 31.0), 7.5), (vec3(28.0, 83.5, 36.0), 6.5), (vec3(48.0, 72.0, 31.0), 5.5)], 5.0);
     d = smin(d, brow, 10.0);
     d = smin(d, maxilla(q), 6.0);
     d = smin(d, zygoma(q), 6.0);
@@ -178,7 +189,7 @@ pub fn skull(p: Vec3) -> f32 {
     d = smax(d, -piriform, 1.5);
     d = smax(d, -orbit(q), 2.5);
     // The nasal bones roof the opening; they come after it is cut.
-    let nasal = cone(vec3(q.x * 0.75, q.y, q.z), vec3(0.0, 83.0, 29.0), vec3(0.0, 94.5, 6.0), 6.5, 5.0);
+    let nasal = cone(vec3(q.x * 0.75, q.y, q.z), vec3(0.0, 83.0, 29.0), vec3(0.0, 95.0, 4.0), 6.5, 4.2);
     let nasal = smax(nasal, -smax(nasal + 3.0, q.z - 18.0, 3.0), 1.0);
     d = smin(d, smax(nasal, 80.0 - q.y, 2.0), 3.0);
     d = smin(d, cone(q, vec3(0.0, 86.0, -29.0), vec3(0.0, 95.0, -26.5), 4.0, 1.2), 3.0);
@@ -230,9 +241,17 @@ pub fn mandible(q: Vec3) -> f32 {
     // Ramus: a plate 32 mm long and 7 mm thick with two processes and the notch between them.
     let plate = rounded_box(turn_x(q - vec3(48.0, 25.0, -42.0), 0.10), vec3(3.2, 15.5, 20.0), 3.0);
     let angle = ellipsoid(q - vec3(47.5, 19.0, -56.0), vec3(4.6, 12.0, 9.0));
-    let neck = chain(q, &[(vec3(48.5, 17.0, -36.0), 4.0), (vec3(49.5, 13.0, -18.0), 3.6), (vec3(50.5, 11.5, -10.5), 4.0)], 3.0);
+    let neck = chain(
+        q,
+        &[(vec3(48.5, 17.0, -36.0), 4.0), (vec3(49.5, 13.0, -18.0), 3.6), (vec3(50.5, 11.5, -10.5), 4.0)],
+        3.0,
+    );
     let condyle = cone(q, vec3(44.5, 10.5, -9.3), vec3(56.0, 12.0, -9.6), 4.0, 4.0);
-    let coronoid = chain(q, &[(vec3(48.0, 34.0, -32.0), 4.2), (vec3(48.5, 37.0, -18.0), 2.8), (vec3(49.0, 36.0, -12.0), 1.6)], 3.0);
+    let coronoid = chain(
+        q,
+        &[(vec3(48.0, 34.0, -32.0), 4.2), (vec3(48.5, 37.0, -18.0), 2.8), (vec3(49.0, 36.0, -12.0), 1.6)],
+        3.0,
+    );
     let mut d = smin(body, chin, 7.0);
     d = smin(d, smin(plate, angle, 5.0), 6.0);
     d = smin(d, neck, 4.0);
@@ -272,25 +291,31 @@ pub fn teeth() -> Vec<Tooth> {
     for upper in [true, false] {
         let (radii, cy, widths) =
             if upper { (vec2(28.0, 47.0), 44.0, UPPER_WIDTHS) } else { (vec2(25.5, 45.0), 43.5, LOWER_WIDTHS) };
+        // Millimeters of arch per radian of the ellipse's parameter.
+        let speed = |a: f32| {
+            let (s, c) = sin_cos(a);
+            vec2(radii.x * s, radii.y * c).length()
+        };
         for side in [1.0_f32, -1.0] {
             let mut angle = std::f32::consts::FRAC_PI_2;
             for (i, width) in widths.into_iter().enumerate() {
                 // Walk half a tooth, place it, walk the other half.
                 let mut walk = |mm: f32| {
                     for _ in 0..16 {
-                        let speed = vec2(radii.x * angle.sin(), radii.y * angle.cos()).length();
-                        angle -= mm / 16.0 / speed;
+                        angle -= mm / 16.0 / speed(angle);
                     }
                 };
                 walk(width * 0.5);
-                let at = |a: f32| vec3(side * radii.x * a.cos(), cy + radii.y * a.sin(), 0.0);
+                let at = |a: f32| {
+                    let (s, c) = sin_cos(a);
+                    vec3(side * radii.x * c, cy + radii.y * s, 0.0)
+                };
                 walk(width * 0.5);
                 let half_angle = {
                     // The middle of the tooth, found again from its end.
                     let mut a = angle;
                     for _ in 0..16 {
-                        let speed = vec2(radii.x * a.sin(), radii.y * a.cos()).length();
-                        a += width * 0.5 / 16.0 / speed;
+                        a += width * 0.5 / 16.0 / speed(a);
                     }
                     a
                 };
@@ -305,7 +330,9 @@ pub fn teeth() -> Vec<Tooth> {
                 let root: f32 = [13.5, 13.0, 17.0, 14.0, 14.0, 13.0, 12.5][i] + height * 0.5;
                 // The curve of Spee: the row rises toward the molars. Upper front teeth overlap the lower by 2 mm.
                 let spee = if i > 2 { (i as f32 - 2.0) * 0.45 } else { 0.0 };
-                let edge = if upper { [-54.0, -53.2, -54.2, -52.6, -52.4, -52.2, -52.0][i] } else {
+                let edge = if upper {
+                    [-54.0, -53.2, -54.2, -52.6, -52.4, -52.2, -52.0][i]
+                } else {
                     [-52.2, -52.2, -51.6, -52.8, -52.7, -52.5, -52.4][i]
                 } + spee;
                 let rootward = if upper { Vec3::Z } else { -Vec3::Z };
@@ -347,7 +374,10 @@ impl Tooth {
         let (wide, thick) = match self.kind {
             // Incisors: a blade that is wide at the edge and thick at the neck.
             0 => (mix(1.0, 0.80, smoothstep(-0.2, 1.0, t)), mix(0.30, 1.0, smoothstep(-1.1, 0.6, t))),
-            1 => (mix(0.62, 0.80, smoothstep(-1.0, -0.3, t)) + 0.2 * bump(t + 0.15, 0.9), mix(0.38, 1.0, smoothstep(-1.1, 0.5, t))),
+            1 => (
+                mix(0.62, 0.80, smoothstep(-1.0, -0.3, t)) + 0.2 * bump(t + 0.15, 0.9),
+                mix(0.38, 1.0, smoothstep(-1.1, 0.5, t)),
+            ),
             _ => (mix(1.0, 0.84, smoothstep(-0.2, 1.0, t)), mix(0.90, 0.88, t) + 0.1 * bump(t, 1.0)),
         };
         let size = vec3(h.x * wide, h.y * thick, h.z);
@@ -390,14 +420,19 @@ pub fn vertebrae(q: Vec3) -> f32 {
     let level = |z: f32, y: f32, size: f32| {
         let v = q - vec3(0.0, y, z);
         let body = smax(ellipse(vec2(v.x, v.y), vec2(10.5, 8.0) * size), v.z.abs() - 6.2, 3.0);
-        let pillar = smax(ellipse(vec2(v.x - 17.0, v.y + 11.0), vec2(6.0, 7.0)), (v.z + 0.5 * (v.y + 11.0)).abs() - 6.8, 3.0);
+        let pillar =
+            smax(ellipse(vec2(v.x - 17.0, v.y + 11.0), vec2(6.0, 7.0)), (v.z + 0.5 * (v.y + 11.0)).abs() - 6.8, 3.0);
         let pedicle = cone(v, vec3(9.0, -3.0, 1.0), vec3(16.0, -11.0, 0.0), 3.2, 3.4);
         let process = cone(v, vec3(10.0, 1.0, -1.0), vec3(24.0, -2.0, -3.0), 3.0, 3.0);
         let lamina = cone(v, vec3(15.0, -15.0, 0.0), vec3(1.0, -30.5, -3.0), 3.8, 3.8);
         let spine = cone(v, vec3(0.0, -30.0, -3.0), vec3(2.5, -29.0 - 15.0 * size, -10.0), 3.8, 2.8);
         smin(smin(smin(body, pillar, 2.0), smin(pedicle, process, 2.0), 2.0), smin(lamina, spine, 2.0), 2.0)
     };
-    d = d.min(smin(dens, level(-64.0, -3.0, 1.05), 3.0)).min(level(-84.5, -1.0, 0.85)).min(level(-104.0, 0.0, 0.9)).min(level(-123.0, 0.0, 0.95));
+    d = d
+        .min(smin(dens, level(-64.0, -3.0, 1.05), 3.0))
+        .min(level(-84.5, -1.0, 0.85))
+        .min(level(-104.0, 0.0, 0.9))
+        .min(level(-123.0, 0.0, 0.95));
     // Vertebral artery canals.
     d = smax(d, -cone(q, vec3(19.5, -2.0, -130.0), vec3(19.5, -3.0, -60.0), 2.4, 2.4), 1.0);
     smax(d, -canal, 1.5)

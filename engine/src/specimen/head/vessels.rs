@@ -118,6 +118,12 @@ fn on_wall(from: Vec3, direction: Vec3, inset: f32) -> Vec3 {
     from + d * t
 }
 
+/// The direction in the sagittal plane that rises `degrees` (0 to 200) from the front over the top to the back.
+fn sagittal(degrees: f32) -> Vec3 {
+    let (s, c) = sin_cos(degrees * 0.5 * (std::f32::consts::PI / 180.0));
+    vec3(0.0, c * c - s * s, 2.0 * s * c)
+}
+
 /// All vessels.
 pub fn vessels() -> Vec<Tube> {
     let mut t = Tree { tubes: Vec::new(), seed: 2008 };
@@ -152,8 +158,8 @@ fn arteries(t: &mut Tree) {
             (vec3(33.0, 17.0, -82.0), 2.1),
             (vec3(42.0, 10.0, -52.0), 1.8),
             (vec3(58.0, 3.0, -24.0), 1.6),
-            (vec3(68.5, 7.0, 0.0), 1.3),
-            (vec3(73.0, 8.0, 20.0), 1.1),
+            (vec3(70.0, 7.0, 0.0), 1.3),
+            (vec3(74.0, 8.0, 20.0), 1.1),
         ],
     );
     for ends in [
@@ -165,7 +171,7 @@ fn arteries(t: &mut Tree) {
             let mut p = p;
             for _ in 0..6 {
                 let center = vec3(0.0, -10.0, 35.0);
-                p += (p - center).normalize() * (3.6 - skull::vault(p)) * 0.8;
+                p += (p - center).normalize() * (3.8 - smin(skull::vault(p), skull::cavity(p) - 4.0, 6.0)) * 0.8;
             }
             p
         };
@@ -173,7 +179,7 @@ fn arteries(t: &mut Tree) {
             .into_iter()
             .enumerate()
             .map(|(i, (p, _))| {
-                let wiggle = vec3(0.0, (i as f32 * 1.9).sin() * 1.6, (i as f32 * 1.9).cos() * 1.2);
+                let wiggle = [vec3(0.0, 1.6, 0.3), vec3(0.0, 0.2, -1.2), vec3(0.0, -1.6, 0.2), vec3(0.0, 0.1, 1.2)][i % 4];
                 (if i == 0 { p } else { scalp(p + wiggle) }, 1.15 - 0.025 * i as f32)
             })
             .collect();
@@ -206,7 +212,15 @@ fn arteries(t: &mut Tree) {
             (vec3(0.0, 4.5, -12.0), 1.8),
         ],
     );
-    t.course(true, &[(vec3(0.0, 4.5, -12.0), 2.0), (vec3(0.6, 7.2, -2.0), 2.0), (vec3(0.0, 8.0, 8.0), 1.9), (vec3(0.0, 7.0, 15.0), 1.8)]);
+    t.course(
+        true,
+        &[
+            (vec3(0.0, 4.5, -12.0), 2.0),
+            (vec3(0.6, 7.2, -2.0), 2.0),
+            (vec3(0.0, 8.0, 8.0), 1.9),
+            (vec3(0.0, 7.0, 15.0), 1.8),
+        ],
+    );
     // The ring: anterior cerebral, communicating, posterior cerebral arteries.
     t.pair(true, &[(vec3(11.5, 20.0, 19.0), 1.4), (vec3(7.0, 26.0, 21.5), 1.3), (vec3(2.2, 31.0, 23.0), 1.3)]);
     t.course(true, &[(vec3(2.2, 31.0, 23.0), 1.0), (vec3(-2.2, 31.0, 23.0), 1.0)]);
@@ -235,18 +249,49 @@ fn arteries(t: &mut Tree) {
         ],
     );
     // Superior and inferior cerebellar arteries.
-    t.pair(true, &[(vec3(0.0, 7.5, 12.0), 1.0), (vec3(12.0, 2.0, 11.0), 1.0), (vec3(20.0, -14.0, 12.0), 0.9), (vec3(19.0, -32.0, 15.0), 0.8)]);
-    t.pair(true, &[(vec3(1.0, 6.0, -6.0), 0.9), (vec3(14.0, 2.0, -9.0), 0.9), (vec3(24.0, -14.0, -12.0), 0.8), (vec3(32.0, -26.0, -20.0), 0.7)]);
+    t.pair(
+        true,
+        &[
+            (vec3(0.0, 7.5, 12.0), 1.0),
+            (vec3(12.0, 2.0, 11.0), 1.0),
+            (vec3(20.0, -14.0, 12.0), 0.9),
+            (vec3(19.0, -32.0, 15.0), 0.8),
+        ],
+    );
+    t.pair(
+        true,
+        &[
+            (vec3(1.0, 6.0, -6.0), 0.9),
+            (vec3(14.0, 2.0, -9.0), 0.9),
+            (vec3(24.0, -14.0, -12.0), 0.8),
+            (vec3(32.0, -26.0, -20.0), 0.7),
+        ],
+    );
     // Middle cerebral artery: to the Sylvian fissure, then branches out of it over the convexity.
-    t.pair(true, &[(vec3(11.5, 20.0, 19.0), 1.8), (vec3(24.0, 22.0, 20.0), 1.7), (vec3(38.0, 22.0, 22.0), 1.6), (vec3(46.0, 12.0, 26.5), 1.5), (vec3(48.0, -8.0, 32.0), 1.3)]);
+    t.pair(
+        true,
+        &[
+            (vec3(11.5, 20.0, 19.0), 1.8),
+            (vec3(24.0, 22.0, 20.0), 1.7),
+            (vec3(38.0, 22.0, 22.0), 1.6),
+            (vec3(46.0, 12.0, 26.5), 1.5),
+            (vec3(48.0, -8.0, 32.0), 1.3),
+        ],
+    );
     for side in [1.0_f32, -1.0] {
         let from = |y: f32| vec3(side * 44.0, y, 26.5 - 0.29 * (y - 10.0));
-        for (y, up, back, length) in
-            [(26.0, 1.0, 0.9, 70.0), (14.0, 1.0, 0.15, 75.0), (2.0, 1.0, -0.25, 75.0), (-14.0, 1.0, -0.7, 75.0), (-30.0, 0.5, -1.0, 60.0), (18.0, -0.8, -0.3, 40.0), (-4.0, -0.8, -0.6, 45.0)]
-        {
+        for (y, up, back, length) in [
+            (26.0, 1.0, 0.9, 70.0),
+            (14.0, 1.0, 0.15, 75.0),
+            (2.0, 1.0, -0.25, 75.0),
+            (-14.0, 1.0, -0.7, 75.0),
+            (-30.0, 0.5, -1.0, 60.0),
+            (18.0, -0.8, -0.3, 40.0),
+            (-4.0, -0.8, -0.6, 45.0),
+        ] {
             let start = from(y);
             let lip = on_brain(vec3(side * 72.0, y, start.z + 2.5 * up), side);
-            t.course(true, &[(start, 1.3), ((start + lip) * 0.5, 1.2), (lip, 1.4)]);
+            t.course(true, &[(start, 1.2), ((start + lip) * 0.5, 1.1), (lip, 1.4)]);
             t.creep(true, lip, vec3(0.0, back, up), 1.4, length);
         }
         // Branches of the anterior cerebral over the medial edge.
@@ -267,9 +312,9 @@ fn veins(t: &mut Tree) {
     let hub = vec3(0.0, -10.0, 35.0);
     let mut sinus = Vec::new();
     for i in 0..=16 {
-        let angle = (8.0 + 190.0 * i as f32 / 16.0).to_radians();
+        let angle = 8.0 + 190.0 * i as f32 / 16.0;
         let r = 1.4 + 2.6 * i as f32 / 16.0;
-        sinus.push((on_wall(hub, vec3(0.0, angle.cos(), angle.sin()), r * 0.6), r));
+        sinus.push((on_wall(hub, sagittal(angle), r * 0.6), r));
     }
     t.course(false, &sinus);
     let confluence = sinus[sinus.len() - 1].0;
@@ -277,12 +322,12 @@ fn veins(t: &mut Tree) {
         // The dominant side takes most of the blood.
         let k: f32 = if side == DOMINANT { 1.0 } else { 0.5 };
         let mut path = vec![(confluence, 3.4 * k.max(0.6))];
-        for degrees in [108.0_f32, 126.0, 144.0, 160.0] {
-            let a = (degrees + 90.0).to_radians();
-            let direction = vec3(-side * a.cos(), a.sin(), 0.0);
-            path.push((on_wall(vec3(0.0, -38.0, confluence.z + 1.0), vec3(direction.x.abs() * side, -direction.y.abs(), 0.0), 2.2 * k + 0.6), 4.2 * k));
+        for i in 1..5 {
+            // From the confluence around the back of the posterior fossa: 15° to 72° off the midline.
+            let back = sagittal(19.0 * i as f32 - 4.0);
+            let center = vec3(0.0, -38.0, confluence.z + 1.0);
+            path.push((on_wall(center, vec3(side * back.z, -back.y, 0.0), 2.2 * k + 0.6), 4.2 * k));
         }
-        path.sort_by(|a, b| (a.0.x * side).total_cmp(&(b.0.x * side)));
         path.extend([
             (vec3(side * 49.0, -26.0, -4.0), 4.0 * k),
             (vec3(side * 43.0, -20.0, -16.0), 3.9 * k),
@@ -294,8 +339,8 @@ fn veins(t: &mut Tree) {
         t.course(false, &path);
         // Bridging veins climb the convexity to the sinus.
         for i in 0..9 {
-            let angle = (30.0 + 15.0 * i as f32 + 6.0 * t.roll()).to_radians();
-            let start = on_wall(hub, vec3(0.0, angle.cos(), angle.sin()), 1.5);
+            let angle = 30.0 + 15.0 * i as f32 + 6.0 * t.roll();
+            let start = on_wall(hub, sagittal(angle), 1.5);
             let near = on_brain(start + vec3(side * 7.0, 2.0, 0.0), side);
             t.course(false, &[(start, 1.5), (near, 1.5)]);
             let sway = t.roll() - 0.35;
@@ -307,7 +352,15 @@ fn veins(t: &mut Tree) {
     }
     // Straight sinus and the deep veins that feed it.
     t.course(false, &[(vec3(0.0, -42.0, 38.0), 2.0), (vec3(0.0, -60.0, 25.0), 2.1), (confluence, 2.6)]);
-    t.pair(false, &[(vec3(5.0, 16.0, 37.5), 0.9), (vec3(1.5, -8.0, 40.0), 1.1), (vec3(1.0, -32.0, 41.0), 1.3), (vec3(0.0, -42.0, 38.0), 1.8)]);
+    t.pair(
+        false,
+        &[
+            (vec3(5.0, 16.0, 37.5), 0.9),
+            (vec3(1.5, -8.0, 40.0), 1.1),
+            (vec3(1.0, -32.0, 41.0), 1.3),
+            (vec3(0.0, -42.0, 38.0), 1.8),
+        ],
+    );
     // External jugular vein, in the fat of the neck.
     t.pair(false, &[(vec3(56.0, 4.0, -40.0), 1.6), (vec3(51.0, 6.0, -70.0), 1.8), (vec3(47.0, 4.0, -140.0), 2.2)]);
 }
