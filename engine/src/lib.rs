@@ -18,3 +18,5 @@ pub mod volume_out;
 
 pub use error::{Error, Result};
 pub use progress::Progress;
+/// The one wgpu of the tree, for those who share a device with the engine or look into its shaders.
+pub use wgpu;

@@ -4,7 +4,7 @@
 use crate::error::{Error, Result};
 use crate::gpu::context::GpuContext;
 use crate::gpu::upload::ResidentVolumes;
-use crate::pass::raycast::{RaycastObject, RaycastPass, TARGET_FORMAT};
+use crate::pass::raycast::{RaycastObject, RaycastPass, ShaderPatch, TARGET_FORMAT};
 use crate::progress::Progress;
 use crate::scene::{Background, Scene};
 
@@ -72,7 +72,13 @@ const BYTES_PER_PIXEL: u32 = 16;
 impl Renderer {
     /// A renderer on an open adapter.
     pub fn new(context: GpuContext) -> Self {
-        let raycast = RaycastPass::new(&context);
+        let raycast = RaycastPass::new(&context, None);
+        Self { context, volumes: ResidentVolumes::default(), raycast }
+    }
+
+    /// A renderer whose shader texts go through `patch`: tests plant defects with it.
+    pub fn with_patched_shaders(context: GpuContext, patch: ShaderPatch) -> Self {
+        let raycast = RaycastPass::new(&context, Some(patch));
         Self { context, volumes: ResidentVolumes::default(), raycast }
     }
 

@@ -188,12 +188,29 @@ fn both_byte_orders_of_one_volume_agree() {
 
 #[test]
 fn the_letter_r_is_on_the_right() {
-    // MNI templates have more sample points on neither side; the lettered one has an L and an R burned in, of which
-    // R is the larger picture: more bright voxels outside of the head on the right.
+    // The MNI head with letters burned in through all slices, whiter than anything else: an R, which has half
+    // as many voxels again as the L, and the L, whose stem has to be towards the right to be legible from below.
     let Some(path) = fabrica_tests::data("t1_nifti2.nii.gz") else { return };
     let volume = read(&path);
-    let corner = volume.grid.world_from_index().transform_point3(DVec3::ZERO);
-    assert_eq!(corner, DVec3::new(90.0, -126.0, -72.0), "index 0 of this LAS file is on the right");
+    let [nx, ny, nz] = volume.grid.dims();
+    let (mut right, mut left) = (Vec::new(), Vec::new());
+    for (x, y, z) in (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| (x, y, z)))) {
+        if volume.value(x, y, z) >= 254.0 {
+            let world = volume.grid.world_from_index().transform_point3(DVec3::new(x as f64, y as f64, z as f64));
+            if world.x > 10.0 {
+                right.push(world)
+            } else if world.x < -10.0 {
+                left.push(world)
+            }
+        }
+    }
+    assert!(left.len() > 10_000 && right.len() as f64 > 1.3 * left.len() as f64, "{} {}", left.len(), right.len());
+    let middle_y = left.iter().map(|p| p.y).sum::<f64>() / left.len() as f64;
+    let mean_x = |is_upper: bool| {
+        let part: Vec<_> = left.iter().filter(|p| (p.y > middle_y) == is_upper).map(|p| p.x).collect();
+        part.iter().sum::<f64>() / part.len() as f64
+    };
+    assert!(mean_x(true) > mean_x(false) + 5.0, "{} {}", mean_x(true), mean_x(false));
 }
 
 #[test]

@@ -22,9 +22,23 @@ pub const TABLE_SIZE: usize = 4096;
 /// Format of the pass's result: premultiplied linear, f32.
 pub const TARGET_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 
+/// A `repr(C)` block that a shader reads, with the names and offsets of its fields for the test that compares them.
+macro_rules! uniform {
+    ($(#[$doc:meta])* pub struct $name:ident { $($field:ident: $type:ty,)* }) => {
+        $(#[$doc])*
+        #[repr(C)]
+        #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+        pub struct $name { $($field: $type,)* }
+
+        impl $name {
+            /// Name and byte offset of each field.
+            pub const FIELDS: &[(&str, usize)] = &[$((stringify!($field), std::mem::offset_of!($name, $field))),*];
+        }
+    };
+}
+
+uniform! {
 /// `Frame` of `shaders/bind/frame.wgsl`; a test holds the layout against the shader's.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct FrameUniform {
     near_origin: [f32; 3],
     step_voxels: f32,
@@ -45,10 +59,10 @@ pub struct FrameUniform {
     image_size: [u32; 2],
     tile_origin: [u32; 2],
 }
+}
 
+uniform! {
 /// `Object` of `shaders/bind/object.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct ObjectUniform {
     index_from_world_x: [f32; 3],
     reference_length: f32,
@@ -66,6 +80,7 @@ pub struct ObjectUniform {
     pad3: f32,
     texel_scale: [f32; 3],
     pad4: f32,
+}
 }
 
 impl FrameUniform {
@@ -191,11 +206,15 @@ pub struct RaycastPass {
     frame_group: wgpu::BindGroup,
     pipelines: HashMap<RaycastKey, Pipeline>,
     styles: Option<(Vec<Arc<StyleImage>>, wgpu::TextureView)>,
+    patch: Option<ShaderPatch>,
 }
 
+/// Changes the WGSL text of a pipeline before it is compiled: how tests plant a defect.
+pub type ShaderPatch = fn(String) -> String;
+
 impl RaycastPass {
-    /// A pass without pipelines; they are made when a scene first needs them.
-    pub fn new(context: &GpuContext) -> Self {
+    /// A pass without pipelines; they are made, from a patched text if so asked, when a scene first needs them.
+    pub fn new(context: &GpuContext, patch: Option<ShaderPatch>) -> Self {
         let device = &context.device;
         let frame_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("frame"),
@@ -212,7 +231,7 @@ impl RaycastPass {
             layout: &frame_layout,
             entries: &[wgpu::BindGroupEntry { binding: 0, resource: frame_buffer.as_entire_binding() }],
         });
-        Self { frame_layout, frame_buffer, frame_group, pipelines: HashMap::new(), styles: None }
+        Self { frame_layout, frame_buffer, frame_group, pipelines: HashMap::new(), styles: None, patch }
     }
 
     /// Binds an object of the scene: its volume, table, skip map and styles. `skip_empty` = false leaves the skip
@@ -349,7 +368,7 @@ impl RaycastPass {
 
     fn pipeline(&mut self, context: &GpuContext, key: RaycastKey) -> Result<&Pipeline> {
         if !self.pipelines.contains_key(&key) {
-            let made = make_pipeline(context, &self.frame_layout, key)?;
+            let made = make_pipeline(context, &self.frame_layout, key, self.patch)?;
             self.pipelines.insert(key, made);
         }
         Ok(&self.pipelines[&key])
@@ -396,8 +415,17 @@ fn object_uniform(object: &Object, resident: &ResidentVolume, table: &TransferTa
     }
 }
 
-fn make_pipeline(context: &GpuContext, frame_layout: &wgpu::BindGroupLayout, key: RaycastKey) -> Result<Pipeline> {
+fn make_pipeline(
+    context: &GpuContext,
+    frame_layout: &wgpu::BindGroupLayout,
+    key: RaycastKey,
+    patch: Option<ShaderPatch>,
+) -> Result<Pipeline> {
     let text = key.wgsl().map_err(|e| Error::gpu(e, "report this fault of the program"))?;
+    let text = match patch {
+        Some(patch) => patch(text),
+        None => text,
+    };
     let remedy = "update its driver or choose another adapter (--adapter software)";
     context.checked(&format!("the shader \"{key}\""), remedy, |device| {
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {

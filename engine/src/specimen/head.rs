@@ -5,13 +5,15 @@
 //! lower orbital rims), x > 0 is the patient's RIGHT, y > 0 the front. The box is 200 x 232 x 248 mm.
 //!
 //! Marks that tell left from right, so that a mirrored picture is noticed:
-//! - a nevus (a 5 mm bump of skin) on the LEFT cheek (x < 0);
+//! - a nevus (a 6 mm bump of skin) on the LEFT cheek (x < 0);
 //! - a gold crown (HU 3000) on the RIGHT upper first premolar (x > 0);
 //! - the RIGHT transverse sinus is twice as wide as the left one.
 
 mod brain;
 mod face;
 mod skull;
+#[cfg(test)]
+mod tests;
 mod vessels;
 
 use glam::{DAffine3, DMat3, DVec3, Vec3, vec3};
@@ -348,7 +350,7 @@ pub fn generate(resolution: usize, progress: &Progress) -> Result<Specimen> {
     let broken = |what: String| Error::scene(what, "choose another resolution");
     let grid = Grid::new(dims, affine).map_err(broken)?;
 
-    let (right, left) = rayon::join(|| brain::Folds::grow(1), || brain::Folds::grow(2));
+    let (right, left) = rayon::join(|| brain::Folds::grow(7), || brain::Folds::grow(8));
     progress.check()?;
     let head = Head { folds: [right, left], teeth: skull::teeth(), tubes: vessels::vessels() };
 

@@ -107,7 +107,7 @@ mod tests {
         v[8] = 7; // x = 8: inside brick 1, on the border of brick 0
         let bricks = MinMaxBricks::compute(&Voxels::I16(v), dims);
         assert_eq!(bricks.dims, [3, 2, 1]);
-        assert_eq!(bricks.ranges.iter().map(|r| r.1).collect::<Vec<_>>(), [7.0, 7.0, 0.0, 7.0, 7.0, 0.0]);
+        assert_eq!(bricks.ranges.iter().map(|r| r.1).collect::<Vec<_>>(), [7.0, 7.0, 0.0, 0.0, 0.0, 0.0]);
         assert_eq!(bricks.range(), (0.0, 7.0));
     }
 

@@ -41,9 +41,8 @@ impl<'a> Prefilter<'a> {
             // Beyond the axis every tap reads the edge voxel: fold them.
             if taps.len() > dims[i] {
                 let tail: f64 = taps.drain(dims[i]..).sum();
-                if let Some(last) = taps.last_mut() {
-                    *last += tail;
-                }
+                // Every tap but the middle one is used on both sides.
+                taps[dims[i] - 1] += if dims[i] == 1 { 2.0 * tail } else { tail };
             }
             taps.into_iter().map(|t| t as f32).collect()
         });

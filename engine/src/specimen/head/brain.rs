@@ -158,7 +158,7 @@ impl Folds {
             .collect();
         let mut field: Vec<f32> = (0..count).map(|i| unit(hash(i as i32, 0, 0, seed)) * 2.0 - 1.0).collect();
         let mut spare = vec![0.0; count];
-        const ROUNDS: usize = 26;
+        const ROUNDS: usize = 30;
         for round in 0..ROUNDS {
             // Two blurs of σ 1 and 2.2 cells; their difference passes periods near PERIOD_MM.
             for _ in 0..2 {
@@ -192,7 +192,7 @@ impl Folds {
                 .into_par_iter()
                 .map(|i| match gather[i] {
                     Some(at) => {
-                        let u = trilinear(&response, at) * gain + pull[i];
+                        let u = trilinear(&response, at) * gain + pull[i] + -0.15;
                         // At the end the pattern is driven to its plateaus: every sulcus is cut through.
                         squash(if last { 5.0 * u } else { 2.0 * u })
                     }
@@ -292,13 +292,13 @@ pub fn cerebrum(p: Vec3, folds: &Folds) -> Parts {
     let center = core(q).min(callosum(q));
     let u = folds.at(q);
     // From the pattern to the distance from the middle of the sulcus, mm.
-    let from_sulcus = (acos(-u / 0.85)) * (PERIOD_MM / TAU);
+    let from_sulcus = (acos(-u / 0.79)) * (PERIOD_MM / TAU);
     let depth = -smooth;
-    let floor = 11.0 * smoothstep(2.0, 12.0, center);
+    let floor = 13.0 * smoothstep(2.0, 12.0, center);
     // Sulci gape at the surface and are slits below.
-    let half_width = mix(1.35, 0.8, smoothstep(0.0, 5.0, depth));
+    let half_width = mix(0.95, 0.8, smoothstep(0.0, 6.0, depth));
     let slit = smax(from_sulcus - half_width, depth - floor, 2.5);
-    let mut d = smax(smooth, -slit, 3.6);
+    let mut d = smax(smooth, -slit, 3.3);
     // Sylvian fissure: a slanting sheet, 20 mm deep, that frees the temporal lobe.
     let line = q.z - 26.5 + 0.29 * (q.y - 10.0) - 1.6 * noise(vec3(q.y * 0.06, q.x * 0.03, 0.5), 31);
     let sheet =
@@ -346,9 +346,9 @@ pub fn ventricles(q: Vec3) -> f32 {
 
 /// Cerebellum before its furrows are cut.
 pub fn cerebellum_hull(q: Vec3) -> f32 {
-    let room = smax(skull::posterior_fossa(q) + 2.0, q.z - skull::cerebral_floor(q) + 3.0, 3.0);
-    let lobes = ellipsoid(q - vec3(23.0, -49.0, -7.0), vec3(29.0, 34.0, 25.0));
-    let vermis = ellipsoid(q - vec3(0.0, -45.0, -3.0), vec3(14.0, 29.0, 23.0));
+    let room = smax(skull::posterior_fossa(q) + 2.0, q.z - skull::cerebral_floor(q) + 1.5, 3.0);
+    let lobes = ellipsoid(q - vec3(23.0, -48.0, -4.0), vec3(31.0, 35.0, 29.0));
+    let vermis = ellipsoid(q - vec3(0.0, -44.0, 0.0), vec3(15.0, 31.0, 26.0));
     smax(room, smin(lobes, vermis, 6.0), 6.0)
 }
 

@@ -22,12 +22,13 @@ pub const EYE_RADIUS: f32 = 12.0;
 
 /// Outer surface of the skin. `p` is in world mm: the nevus of the left cheek (x < 0) is part of it.
 pub fn skin(p: Vec3) -> f32 {
-    let d = bare_skin(p);
+    let d = skin_without_nevus(p);
     let nevus = p - *NEVUS;
-    if nevus.length_squared() < 64.0 { smin(d, ellipsoid(nevus, vec3(2.8, 2.4, 2.8)), 1.4) } else { d }
+    if nevus.length_squared() < 64.0 { smin(d, ellipsoid(nevus, vec3(3.1, 2.7, 3.1)), 1.4) } else { d }
 }
 
-fn bare_skin(p: Vec3) -> f32 {
+/// The skin as it would be on both sides.
+pub fn skin_without_nevus(p: Vec3) -> f32 {
     let q = vec3(p.x.abs(), p.y, p.z);
     // Scalp: 6 mm over the vault, 5 on the forehead.
     let mut d = skull::vault(q) - 6.0;
@@ -108,9 +109,9 @@ fn features(q: Vec3, mut d: f32) -> f32 {
             // Lines are drawn on the surface as it is here: tubes along it, half sunk in.
             let lash = vec2(below, d).length();
             let fold = vec2(e.z - (7.8 - 5.4 * along * along + 0.8 * along), d).length();
-            d = smax(d, 1.05 * smoothstep(1.06, 0.8, along.abs()) - lash, 1.0);
+            d = smax(d, mix(-1.0, 1.05, smoothstep(1.08, 0.85, along.abs())) - lash, 1.0);
             // Upper crease, where the lid folds back under the brow.
-            d = smax(d, 0.7 * smoothstep(1.0, 0.5, along.abs()) - 0.35 - fold, 2.4);
+            d = smax(d, mix(-2.4, 0.35, smoothstep(1.0, 0.45, along.abs())) - fold, 2.4);
         }
     }
     // Nose.
@@ -131,11 +132,11 @@ fn features(q: Vec3, mut d: f32) -> f32 {
     d
 }
 
-/// The nevus, a bump 5 mm across on the patient's LEFT cheek (x < 0): where it sits on the skin, world mm.
+/// The nevus, a bump 6 mm across on the patient's LEFT cheek (x < 0): where it sits on the skin, world mm.
 static NEVUS: LazyLock<Vec3> = LazyLock::new(|| {
     let mut at = vec3(-37.0, 110.0, -27.0);
     for _ in 0..40 {
-        at.y -= 0.7 * bare_skin(at);
+        at.y -= 0.7 * skin_without_nevus(at);
     }
     at
 });

@@ -156,12 +156,39 @@ fn maxilla(q: Vec3) -> f32 {
     smin(smin(smin(body, alveolar, 6.0), frontal_process, 6.0), palate, 3.0)
 }
 
+/// Depth and half width of the sutures, mm.
+const SUTURE_MM: f32 = 0.85;
+
+/// Distance from the coronal, sagittal and lambdoid sutures of the vault, whose surface is `d` mm away.
+fn suture(q: Vec3, d: f32) -> f32 {
+    if d.abs() > 3.0 || q.z < 8.0 {
+        return 3.0;
+    }
+    // Each runs near a plane; the wiggle is that of interlocking bone.
+    let coronal = q.y - 24.0 + 0.16 * (q.z - 100.0);
+    let sagittal = if coronal < 0.0 && q.y > -78.0 { q.x - 0.4 } else { 4.0 };
+    let lambdoid = if q.z < 84.0 { (q.y + 76.0 - 0.011 * q.x * q.x) * 0.8 + 0.24 * (q.z - 80.0) } else { 6.0 };
+    let near = coronal.abs().min(sagittal.abs()).min(lambdoid.abs());
+    if near > 6.0 {
+        return 3.0;
+    }
+    let wiggle = 1.3 * noise(q * 0.23, 41) + 0.8 * noise(q * 0.55, 42);
+    let coronal = if q.z > 20.0 { coronal } else { 4.0 };
+    let line = (coronal + wiggle).abs().min((sagittal + wiggle).abs()).min((lambdoid + wiggle).abs());
+    vec2(line * 0.8, d).length()
+}
+
 /// Skull without the mandible: negative in bone.
 pub fn skull(p: Vec3) -> f32 {
     let q = vec3(p.x.abs(), p.y, p.z);
     let room = cavity(q);
     // Behind, the bone follows the posterior fossa in one sweep.
     let mut d = smin(smin(vault(q), posterior_fossa(q) - 3.5, 24.0), room - 4.0, 6.0);
+    d = smax(d, SUTURE_MM - suture(q, d), 0.6);
+    // High on the vault nothing else is near.
+    if q.z > 60.0 {
+        return smax(d, -room, 1.5).min(q.z - 46.0);
+    }
     // The egg is cut below: the base rises from the foramen magnum to the face.
     let base = mix(-27.0, -16.0, smoothstep(-40.0, 20.0, q.y)) + 0.42 * (-32.0 - q.y).max(0.0);
     d = smax(d, base - 3.0 - q.z, 10.0);
@@ -190,7 +217,9 @@ pub fn skull(p: Vec3) -> f32 {
     d = smax(d, -orbit(q), 2.5);
     // The nasal bones roof the opening; they come after it is cut.
     let nasal = cone(vec3(q.x * 0.75, q.y, q.z), vec3(0.0, 83.0, 29.0), vec3(0.0, 95.0, 4.0), 6.5, 4.2);
-    let nasal = smax(nasal, -smax(nasal + 3.0, q.z - 18.0, 3.0), 1.0);
+    let nasal = smax(nasal, -smax(nasal + 2.8, q.z - 18.0, 3.0), 1.0);
+    // They end in an edge, where the cartilage begins.
+    let nasal = smax(nasal, 6.0 - q.z, 1.5);
     d = smin(d, smax(nasal, 80.0 - q.y, 2.0), 3.0);
     d = smin(d, cone(q, vec3(0.0, 86.0, -29.0), vec3(0.0, 95.0, -26.5), 4.0, 1.2), 3.0);
     // Septum (vomer and the plate of the ethmoid) and turbinates.
@@ -243,20 +272,20 @@ pub fn mandible(q: Vec3) -> f32 {
     let angle = ellipsoid(q - vec3(47.5, 19.0, -56.0), vec3(4.6, 12.0, 9.0));
     let neck = chain(
         q,
-        &[(vec3(48.5, 17.0, -36.0), 4.0), (vec3(49.5, 13.0, -18.0), 3.6), (vec3(50.5, 11.5, -10.5), 4.0)],
+        &[(vec3(48.5, 18.0, -40.0), 4.6), (vec3(49.5, 13.5, -20.0), 3.8), (vec3(50.5, 11.5, -10.5), 4.0)],
         3.0,
     );
     let condyle = cone(q, vec3(44.5, 10.5, -9.3), vec3(56.0, 12.0, -9.6), 4.0, 4.0);
     let coronoid = chain(
         q,
-        &[(vec3(48.0, 34.0, -32.0), 4.2), (vec3(48.5, 37.0, -18.0), 2.8), (vec3(49.0, 36.0, -12.0), 1.6)],
-        3.0,
+        &[(vec3(48.0, 32.0, -36.0), 4.6), (vec3(48.4, 36.0, -24.0), 3.6), (vec3(49.0, 37.5, -12.5), 1.7)],
+        4.0,
     );
     let mut d = smin(body, chin, 7.0);
     d = smin(d, smin(plate, angle, 5.0), 6.0);
-    d = smin(d, neck, 4.0);
+    d = smin(d, neck, 6.0);
     d = smin(d, condyle, 3.0);
-    smin(d, coronoid, 4.0)
+    smin(d, coronoid, 7.0)
 }
 
 /// One tooth, laid out on its dental arch.

@@ -179,7 +179,8 @@ fn arteries(t: &mut Tree) {
             .into_iter()
             .enumerate()
             .map(|(i, (p, _))| {
-                let wiggle = [vec3(0.0, 1.6, 0.3), vec3(0.0, 0.2, -1.2), vec3(0.0, -1.6, 0.2), vec3(0.0, 0.1, 1.2)][i % 4];
+                let wiggle =
+                    [vec3(0.0, 1.6, 0.3), vec3(0.0, 0.2, -1.2), vec3(0.0, -1.6, 0.2), vec3(0.0, 0.1, 1.2)][i % 4];
                 (if i == 0 { p } else { scalp(p + wiggle) }, 1.15 - 0.025 * i as f32)
             })
             .collect();
@@ -291,7 +292,7 @@ fn arteries(t: &mut Tree) {
         ] {
             let start = from(y);
             let lip = on_brain(vec3(side * 72.0, y, start.z + 2.5 * up), side);
-            t.course(true, &[(start, 1.2), ((start + lip) * 0.5, 1.1), (lip, 1.4)]);
+            t.course(true, &[(start, 1.2), (start.lerp(lip, 0.45) + vec3(0.0, 3.5 * back, 1.2), 1.1), (lip, 1.4)]);
             t.creep(true, lip, vec3(0.0, back, up), 1.4, length);
         }
         // Branches of the anterior cerebral over the medial edge.

@@ -1,0 +1,187 @@
+//! The program as a user runs it: files in, files out, sentences, exit codes.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const TEMPLATE: &str = r#"{
+  "fabrica": 1,
+  "volumes": [{"name": "v", "file": "block.raw", "raw": "8x8x8xuint8"}],
+  "objects": [{"volume": "v", "transfer_function": {"domain": "data", "nodes": [{"at": 50, "style": "clay", "opacity": 0.9}]}}],
+  "camera": {"from": [0.5, 1, 0.4], "height": 2.5},
+  "background": "transparent",
+  "figure": {"width_mm": 12.7, "height_mm": 12.7, "dpi": 100}
+}"#;
+
+struct Place {
+    folder: tempfile::TempDir,
+}
+
+impl Place {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("block.raw"), [100u8; 512]).unwrap();
+        std::fs::write(folder.path().join("figure.json"), TEMPLATE).unwrap();
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_fabrica"))
+            .args(arguments)
+            .current_dir(self.folder.path())
+            .env("FABRICA_CACHE", self.path("cache"))
+            .output()
+            .unwrap()
+    }
+
+    /// Runs what must fail; the one sentence it says.
+    fn fails(&self, arguments: &[&str], code: i32) -> String {
+        let output = self.run(arguments);
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
+        assert!(!message.contains("panicked"), "{message}");
+        message
+    }
+}
+
+/// Width, height, color type and pixels per meter from a PNG's chunks.
+fn png_facts(path: &Path) -> (u32, u32, u8, u32) {
+    let bytes = std::fs::read(path).unwrap();
+    let word = |at: usize| u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap());
+    let phys = bytes.windows(4).position(|w| w == b"pHYs").unwrap();
+    assert!(bytes.windows(4).any(|w| w == b"sRGB"));
+    (word(16), word(20), bytes[25], word(phys + 4))
+}
+
+#[test]
+fn render_writes_the_figure_at_its_physical_size() {
+    let place = Place::new();
+    let picture = place.path("a.png");
+    let render = |more: &[&str]| {
+        let mut arguments = vec!["render", "figure.json", "--out", "a.png", "--adapter", "software"];
+        arguments.extend(more);
+        let output = place.run(&arguments);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        png_facts(&picture)
+    };
+    assert_eq!(render(&[]), (50, 50, 6, 3937));
+    assert_eq!(render(&["--dpi", "200"]), (100, 100, 6, 7874));
+    assert_eq!(render(&["--size", "40x20"]), (40, 20, 6, 3150));
+    assert_eq!(render(&["--size", "40x20", "--dpi", "300"]), (40, 20, 6, 11811));
+    // An opaque background needs no alpha channel.
+    assert_eq!(render(&["--background", "#204060"]), (50, 50, 2, 3937));
+    let first = std::fs::read(&picture).unwrap();
+    render(&["--background", "#204060"]);
+    assert_eq!(first, std::fs::read(&picture).unwrap(), "the same command writes the same bytes");
+    assert_eq!(std::fs::read_dir(place.folder.path()).unwrap().count(), 3, "nothing is left beside the picture");
+}
+
+#[test]
+fn volumes_fill_the_slots() {
+    let place = Place::new();
+    std::fs::write(place.path("other.raw"), [100u8; 64]).unwrap();
+    let arguments = ["render", "figure.json", "--volume", "other.raw", "--raw", "4x4x4xuint8", "--out", "b.png"];
+    let output = place.run(&arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let message =
+        place.fails(&["render", "figure.json", "--raw", "4x4x4xuint8", "--volume", "other.raw", "--out", "b.png"], 2);
+    assert!(message.contains("no --volume before it"), "{message}");
+    let twice = ["render", "figure.json", "--volume", "other.raw", "--volume", "other.raw", "--out", "b.png"];
+    assert!(place.fails(&twice, 1).contains("1 slot"));
+    let message = place.fails(&["render", "figure.json", "--volume", "none.nii", "--out", "b.png"], 1);
+    assert!(message.contains("none.nii"), "{message}");
+}
+
+#[test]
+fn specimens_need_no_file_and_are_cached() {
+    let place = Place::new();
+    let arguments = ["render", "figure.json", "--volume", "specimen:head@32", "--out", "c.png"];
+    assert!(place.run(&arguments).status.success());
+    let cached = std::fs::read_dir(place.path("cache")).unwrap().next().unwrap().unwrap().path();
+    let first = std::fs::read(place.path("c.png")).unwrap();
+    assert!(place.run(&arguments).status.success());
+    assert_eq!(first, std::fs::read(place.path("c.png")).unwrap(), "from the cache comes the same picture");
+    // A damaged cache costs time, not the picture.
+    std::fs::write(&cached, b"NRRD0004\nnonsense").unwrap();
+    assert!(place.run(&arguments).status.success());
+    assert_eq!(first, std::fs::read(place.path("c.png")).unwrap());
+    assert!(place.fails(&["inspect", "specimen:unicorn"], 1).contains("head"));
+    assert!(place.fails(&["inspect", "specimen:head@x"], 2).contains("specimen:head@128"));
+}
+
+#[test]
+fn faults_are_one_sentence_and_leave_nothing() {
+    let place = Place::new();
+    for (arguments, code, expected) in [
+        (vec!["render", "nowhere.json", "--out", "a.png"], 1, "nowhere.json"),
+        (vec!["render", "figure.json", "--out", "a.jpg"], 2, "ending .png"),
+        (vec!["render", "figure.json", "--out", "no/such/a.png"], 1, "create it first"),
+        (vec!["render", "figure.json"], 2, "--out"),
+        (vec!["render", "figure.json", "--out", "a.png", "--size", "0x5"], 2, "1024x768"),
+        (vec!["render", "figure.json", "--out", "a.png", "--dpi", "0"], 2, "positive"),
+        (vec!["render", "figure.json", "--out", "a.png", "--dpi", "1e9"], 1, "dpi"),
+        (vec!["render", "figure.json", "--out", "a.png", "--background", "mauve"], 2, "#rrggbb"),
+        (vec!["render", "figure.json", "--out", "a.png", "--quality", "best"], 2, "standard"),
+        (vec!["render", "figure.json", "--out", "a.png", "--adapter", "Voodoo"], 1, "choose one of"),
+        (vec!["render", "block.raw", "--out", "a.png"], 1, "template"),
+        (vec!["inspect", "block.raw"], 1, "--raw"),
+        (vec!["inspect", "block.raw", "--raw", "9x9x9xuint8"], 1, "512"),
+        (vec!["inspect", "block.raw", "--raw", "nonsense"], 2, "nonsense"),
+        (vec!["fly"], 2, "fly"),
+        (vec![], 2, "Usage"),
+    ] {
+        let message = place.fails(&arguments, code);
+        assert!(message.contains(expected), "{arguments:?}: {message}");
+        if code == 1 {
+            assert_eq!(message.trim_end().lines().count(), 1, "{arguments:?}: {message}");
+        }
+    }
+    assert_eq!(std::fs::read_dir(place.folder.path()).unwrap().count(), 2, "a failed command leaves nothing");
+}
+
+#[test]
+fn inspect_schema_and_adapters_speak_json() {
+    let place = Place::new();
+    let json = |arguments: &[&str]| -> serde_json::Value {
+        let output = place.run(arguments);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let report = json(&["inspect", "block.raw", "--raw", "8x8x8xuint8,0.5x0.5x2", "--json"]);
+    assert_eq!(report["dims"], serde_json::json!([8, 8, 8]));
+    assert_eq!(report["spacing_mm"], serde_json::json!([0.5, 0.5, 2.0]));
+    assert_eq!(report["orientation"], "RAS");
+    assert_eq!(report["datatype"], "uint8");
+    assert_eq!((report["min"].as_f64(), report["num_nonfinite"].as_u64()), (Some(100.0), Some(0)));
+    let schema = json(&["schema"]);
+    assert!(schema["properties"]["objects"].is_object() && schema["required"].to_string().contains("fabrica"));
+    let adapters = json(&["adapters", "--json", "--software"]);
+    assert_eq!(adapters[0]["kind"], "software");
+    let words = place.run(&["inspect", "block.raw", "--raw", "8x8x8xuint8"]);
+    assert!(String::from_utf8(words.stdout).unwrap().contains("orientation RAS"));
+}
+
+#[test]
+fn help_names_every_option() {
+    let place = Place::new();
+    for (command, words) in [
+        (vec!["--help"], vec!["render", "inspect", "adapters", "schema"]),
+        (
+            vec!["render", "--help"],
+            vec!["--volume", "--raw", "--frame", "--size", "--dpi", "--background", "--quality", "--adapter", "--out"],
+        ),
+        (vec!["inspect", "--help"], vec!["--json", "--raw"]),
+    ] {
+        let output = place.run(&command);
+        assert!(output.status.success());
+        let text = String::from_utf8(output.stdout).unwrap();
+        for word in words {
+            assert!(text.contains(word), "{command:?} does not mention {word}");
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! Small volumes and scenes with known content.
+
+use std::sync::Arc;
+
+use fabrica_engine::scene::{
+    Background, Camera, Object, Projection, Quality, Scene, StyleTransferFunction, TransferFunctionNode,
+};
+use fabrica_engine::spaces::Grid;
+use fabrica_engine::styles::{StyleImage, StyleLibrary};
+use fabrica_engine::volume::{Rescale, Volume, Voxels};
+use glam::{DAffine3, DMat3, DVec3};
+
+/// A volume of int16 data values given by a function of the world position in mm.
+///
+/// # Panics
+/// If `world_from_index` is no usable affine.
+pub fn volume(dims: [usize; 3], world_from_index: DAffine3, value: impl Fn(DVec3) -> f64) -> Arc<Volume> {
+    let grid = Grid::new(dims, world_from_index).unwrap_or_else(|e| panic!("{e}"));
+    let mut voxels = Vec::with_capacity(grid.num_voxels());
+    for z in 0..dims[2] {
+        for y in 0..dims[1] {
+            for x in 0..dims[0] {
+                let index = DVec3::new(x as f64, y as f64, z as f64);
+                voxels.push(value(world_from_index.transform_point3(index)).round() as i16);
+            }
+        }
+    }
+    let made = Volume::new(grid, Voxels::I16(voxels), Rescale::IDENTITY, "phantom");
+    Arc::new(made.unwrap_or_else(|e| panic!("{e}")))
+}
+
+/// An upright grid of cubes of `spacing` mm around the world's origin.
+pub fn centered(dims: [usize; 3], spacing: DVec3) -> DAffine3 {
+    let half = DVec3::from_array(dims.map(|n| (n - 1) as f64)) * 0.5;
+    DAffine3::from_mat3_translation(DMat3::from_diagonal(spacing), -half * spacing)
+}
+
+/// A smooth bump of 1000 at `center`, falling to 0 at `radius`.
+pub fn bump(p: DVec3, center: DVec3, radius: f64) -> f64 {
+    1000.0 * (1.0 - p.distance(center) / radius).max(0.0)
+}
+
+/// The standard phantom: a lumpy, lopsided body without symmetry, 32³ voxels of 1 mm, values 0 to about 1000.
+pub fn lumpy() -> Arc<Volume> {
+    volume([32, 32, 32], centered([32, 32, 32], DVec3::ONE), |p| {
+        let a = bump(p, DVec3::new(-3.0, 1.0, 0.0), 15.0);
+        let b = bump(p, DVec3::new(7.0, -4.0, 5.0), 9.0);
+        let c = bump(p, DVec3::new(2.0, 8.0, -8.0), 7.0);
+        a.max(b).max(c) + 60.0 * (p.x * 0.9).sin() * (p.y * 0.7).cos() * (p.z * 0.8).sin()
+    })
+}
+
+/// A style of the built-in library.
+///
+/// # Panics
+/// If there is none of that name.
+pub fn style(name: &str) -> Arc<StyleImage> {
+    StyleLibrary::embedded().get(name).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// A scene of one volume: `nodes` are (value, style, opacity) of 1 mm, seen from the front at a field of view of 20°
+/// that holds the volume's bounding sphere.
+///
+/// # Panics
+/// If a style does not exist.
+pub fn scene(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality) -> Scene {
+    let mut styles: Vec<Arc<StyleImage>> = Vec::new();
+    let nodes = nodes
+        .iter()
+        .map(|&(value, name, opacity)| {
+            let position = styles.iter().position(|s| s.name == name).unwrap_or_else(|| {
+                styles.push(style(name));
+                styles.len() - 1
+            });
+            TransferFunctionNode { value, style: position, opacity }
+        })
+        .collect();
+    Scene {
+        objects: vec![Object {
+            volume: volume.clone(),
+            transfer_function: StyleTransferFunction { nodes, reference_length_mm: 1.0 },
+            gradient_scale_mm: volume.grid.spacing_mm().min_element(),
+        }],
+        styles,
+        camera: camera(volume, DVec3::new(0.3, 1.0, 0.2), Projection::Perspective { fov_y_deg: 20.0 }),
+        background: Background::Transparent,
+        quality,
+    }
+}
+
+/// A camera in the direction `from` of the volume that holds its bounding sphere, S up.
+///
+/// # Panics
+/// If `from` is 0.
+pub fn camera(volume: &Volume, from: DVec3, projection: Projection) -> Camera {
+    let (low, high) = volume.grid.index_box();
+    let corners = volume.grid.box_corners_mm(low, high);
+    let center = corners.iter().sum::<DVec3>() / 8.0;
+    let radius = corners.iter().map(|c| c.distance(center)).fold(0.0, f64::max);
+    let distance = match projection {
+        Projection::Perspective { fov_y_deg } => radius / (0.5 * fov_y_deg.to_radians()).sin(),
+        Projection::Orthographic { .. } => 2.0 * radius,
+    };
+    let from = from.normalize();
+    Camera::looking(center + distance * from, -from, DVec3::Z, projection).unwrap_or_else(|e| panic!("{e}"))
+}

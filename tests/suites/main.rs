@@ -1,0 +1,9 @@
+//! The suites, in one binary: linking is what costs.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod orientation;
+mod raycast;
+mod readers;
+mod templates;
+mod tidy;

@@ -1,0 +1,105 @@
+//! The shipped templates: they parse, name styles that exist, follow the published schema's version, and draw.
+
+use std::path::PathBuf;
+
+use fabrica_engine::Progress;
+use fabrica_engine::render::RenderOptions;
+use fabrica_engine::styles::StyleLibrary;
+use fabrica_studio::figure::Template;
+use fabrica_studio::figure::bridge::{Replacement, load_volumes, scene};
+use fabrica_studio::figure::source::VolumeSource;
+use fabrica_studio::figure::template::Domain;
+use fabrica_tests::{checkout, data, renderer};
+
+fn shipped() -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = std::fs::read_dir(checkout().join("templates"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|e| e == "json"))
+        .collect();
+    files.sort();
+    assert!(files.len() >= 2, "two templates are shipped at least");
+    files
+}
+
+fn small_head() -> Replacement {
+    let source = VolumeSource::Specimen { name: "head".to_owned(), resolution: 64 };
+    Replacement { source, options: Default::default() }
+}
+
+#[test]
+fn shipped_templates_survive_a_rewrite() {
+    for file in shipped() {
+        let template = Template::read(&file).unwrap();
+        let once = template.to_json().unwrap();
+        assert_eq!(Template::parse(&once).unwrap(), template, "{}", file.display());
+        let original: serde_json::Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+        let rewritten: serde_json::Value = serde_json::from_str(&once).unwrap();
+        for (key, value) in original.as_object().unwrap() {
+            if key != "camera" && key != "volumes" && key != "objects" && key != "figure" {
+                assert_eq!(rewritten.get(key), Some(value), "{}: {key}", file.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn shipped_templates_draw_a_small_head() {
+    let mut renderer = renderer();
+    let styles = StyleLibrary::embedded();
+    let mut pictures = Vec::new();
+    for file in shipped() {
+        let template = Template::read(&file).unwrap();
+        let progress = Progress::new();
+        let volumes = load_volumes(&template, &checkout().join("templates"), &[small_head()], &progress).unwrap();
+        let (scene, _) = scene(&template, &volumes, &styles, &progress).unwrap();
+        let image = renderer.render(&scene, [64, 64], &RenderOptions::default(), &progress).unwrap();
+        let corner = image.pixels[0];
+        let drawn = image.pixels.iter().filter(|p| p.iter().zip(&corner).any(|(a, b)| (a - b).abs() > 0.05)).count();
+        assert!(drawn > 64 * 64 / 8, "{} draws {drawn} pixels", file.display());
+        pictures.push(image);
+    }
+    assert!(pictures.windows(2).all(|w| w[0] != w[1]));
+}
+
+#[test]
+fn a_template_fits_another_dataset_by_percentiles() {
+    let (Some(a), Some(b)) = (data("orient_RAS.nii.gz"), data("someones_anatomy.nii.gz")) else { return };
+    let mut template = Template::read(&shipped()[0]).unwrap();
+    let function = &mut template.objects[0].transfer_function;
+    function.domain = Domain::Percentile;
+    function.nodes.truncate(2);
+    for (node, at) in function.nodes.iter_mut().zip([10.0, 30.0]) {
+        node.at = at;
+    }
+    let progress = Progress::new();
+    let mut thresholds = Vec::new();
+    for file in [a, b] {
+        let replacement = Replacement { source: VolumeSource::Path(file), options: Default::default() };
+        let volumes = load_volumes(&template, checkout(), &[replacement], &progress).unwrap();
+        let (scene, notes) = scene(&template, &volumes, &StyleLibrary::embedded(), &progress).unwrap();
+        assert!(notes.iter().any(|n| n.contains("background")), "the background must be said: {notes:?}");
+        let nodes = &scene.objects[0].transfer_function.nodes;
+        let statistics = volumes[0].statistics(&progress).unwrap();
+        assert!(nodes[0].value > statistics.background && nodes[1].value > nodes[0].value);
+        thresholds.push(nodes[0].value);
+        let image = renderer().render(&scene, [48, 48], &RenderOptions::default(), &progress).unwrap();
+        let middle = image.pixels[24 * 48 + 24];
+        assert!(middle != image.pixels[0], "nothing is drawn");
+    }
+    assert_ne!(thresholds[0], thresholds[1], "two scanners have two scales");
+}
+
+#[test]
+fn faults_are_sentences() {
+    let styles = StyleLibrary::embedded();
+    let progress = Progress::new();
+    let mut template = Template::read(&shipped()[0]).unwrap();
+    let volumes = load_volumes(&template, checkout(), &[small_head()], &progress).unwrap();
+    template.objects[0].transfer_function.nodes[0].style = "porcelan".to_owned();
+    let message = scene(&template, &volumes, &styles, &progress).unwrap_err().to_string();
+    assert!(message.contains("porcelan") && message.contains("porcelain"), "{message}");
+    let two = [small_head(), small_head()];
+    let message = load_volumes(&template, checkout(), &two, &progress).unwrap_err().to_string();
+    assert!(message.contains("2 volumes are given") && message.contains("1 slot"), "{message}");
+}
