@@ -8,6 +8,7 @@ pub mod image_out;
 pub mod pass;
 pub mod progress;
 pub mod read;
+pub mod reference;
 pub mod render;
 pub mod scene;
 pub mod spaces;

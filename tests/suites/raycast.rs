@@ -227,11 +227,12 @@ fn degenerate_volumes_draw() {
         let volume = phantom::volume(dims, centered(dims, spacing), |_| 500.0);
         let mut scene = phantom::scene(&volume, &[(400.0, "clay", 1.0)], Quality::STANDARD);
         scene.objects[0].transfer_function.reference_length_mm = spacing.min_element();
-        scene.camera = phantom::camera(&volume, DVec3::new(0.5, 1.0, 0.4), Projection::Perspective { fov_y_deg: 30.0 });
+        let thinnest = (0..3).map(|i| dims[i] as f64 * spacing[i]).fold(f64::INFINITY, f64::min);
+        let close = Projection::Orthographic { height_mm: 0.3 * thinnest };
+        scene.camera = phantom::camera(&volume, DVec3::new(0.5, 1.0, 0.4), close);
         let image = draw(&mut renderer, &scene, [40, 40]);
-        assert!(image.pixels.iter().flatten().all(|v| v.is_finite()), "{dims:?} {spacing}");
-        // A constant volume is its box, opaque, in the middle of the picture.
-        assert!(image.pixels[20 * 40 + 20][3] > 0.99, "{dims:?} {spacing}: {:?}", image.pixels[20 * 40 + 20]);
+        // A constant volume is its box: every ray close to its center meets it, whatever its shape.
+        assert!(image.pixels.iter().all(|p| p[3] == 1.0), "{dims:?} {spacing}");
     }
 }
 

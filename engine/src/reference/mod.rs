@@ -172,9 +172,10 @@ mod tests {
 
     use super::testing::{awkward_affines, looking_at, node, scene, sphere_style, volume};
     use super::*;
+    use crate::image_out::Picture;
     use crate::scene::{Camera, Projection, TransferFunctionNode};
     use crate::spaces::Grid;
-    use crate::styles::StyleImage;
+    use crate::styles::{STYLE_SIZE, StyleImage};
     use crate::volume::{Rescale, Volume, Voxels};
 
     const ORTHO: Projection = Projection::Orthographic { height_mm: 40.0 };
@@ -182,6 +183,9 @@ mod tests {
     fn white() -> StyleImage {
         StyleImage::flat("white", [1.0; 4])
     }
+
+    /// A termination that only an opaque sample meets.
+    const WHEN_OPAQUE: f64 = f64::MIN_POSITIVE;
 
     /// A cube of `n` voxels of 1 mm, all of α_u = `alpha` per mm, seen along +x from 100 mm before its center.
     fn slab(n: usize, alpha: f64) -> Scene {
@@ -252,7 +256,7 @@ mod tests {
                 let to_center = center - ray.origin_mm;
                 // From the center to the ray, across it; the sphere's normal has this over the radius across the ray.
                 let across = (ray.direction * to_center.dot(ray.direction) - to_center) / 10.0;
-                let rgba = reference.pixel_with_step(image_size, x, y, 1.0 / 16.0, 0.0);
+                let rgba = reference.pixel_with_step(image_size, x, y, 1.0 / 16.0, WHEN_OPAQUE);
                 if across.length() > 1.01 {
                     assert_eq!(rgba, [0.0; 4], "{x} {y}");
                 } else if across.length() < 0.97 {
@@ -290,16 +294,14 @@ mod tests {
 
     #[test]
     fn a_balls_silhouette_has_its_radius() {
-        let (scene, center) = ball(DAffine3::IDENTITY, true, |c| {
+        let (mut row, _) = ball(DAffine3::IDENTITY, true, |c| {
             looking_at(c + DVec3::new(0.0, -80.0, 0.0), c, Projection::Orthographic { height_mm: 24.0 })
         });
-        assert_eq!(scene.camera.eye_mm, center + DVec3::new(0.0, -80.0, 0.0));
         let covered = |scene: &Scene, n: u32| {
             let reference = Reference::new(scene).unwrap();
-            (0..n).filter(|&x| reference.pixel_with_step([n, 1], x, 0, 1.0 / 16.0, 0.0)[3] > 0.5).count() as f64
+            (0..n).filter(|&x| reference.pixel_with_step([n, 1], x, 0, 1.0 / 16.0, WHEN_OPAQUE)[3] > 0.5).count() as f64
         };
         // One row of 601 pixels through the center; a row is as high as it is wide, hence the projections' sizes.
-        let mut row = scene.clone();
         row.camera.projection = Projection::Orthographic { height_mm: 24.0 / 601.0 };
         let diameter = covered(&row, 601) * 24.0 / 601.0;
         assert!((diameter - 20.0).abs() < 0.12, "{diameter}");
@@ -342,6 +344,76 @@ mod tests {
     }
 
     #[test]
+    fn the_march_takes_normals_from_the_smoothed_volume() {
+        // Values rise away from the viewer, and to both sides of x = 8: a valley, which smoothing rounds.
+        let field = |p: DVec3| 2.0 * p.y + 3.0 * (p.x - 8.0).abs();
+        let camera = Camera::looking(DVec3::new(8.3, -9.0, 4.0), DVec3::Y, DVec3::Z, ORTHO).unwrap();
+        let nodes = vec![node(0.0, 0, 1.0)];
+        let mut scene = scene(volume([17, 17, 9], DAffine3::IDENTITY, field), nodes, vec![sphere_style()], camera);
+        for sigma in [0.0, 0.9] {
+            scene.objects[0].gradient_scale_mm = sigma;
+            // The valley's own profile, smoothed: |x| under a Gaussian sampled at the integers to ±4.
+            let bell = |k: i32| if k == 0 { 1.0 } else { (-0.5 * (f64::from(k) / sigma).powi(2)).exp() };
+            let sum: f64 = (-4..=4).map(bell).sum();
+            let profile = |x: i32| (-4..=4).map(|k| bell(k) * 3.0 * f64::from((x + k).abs())).sum::<f64>() / sum;
+            let between = |x: i32| 0.7 * profile(x) + 0.3 * profile(x + 1);
+            let g_x = 0.5 * (between(1) - between(-1));
+            // The one sample is well inside; a picture of many rows has pixels below a voxel.
+            let start = Reference::new(&scene).unwrap();
+            let object = start.prepared().unwrap();
+            let mut ray = ray_from_pixel(&scene.camera, [999, 999], 499, 499);
+            ray.t_min = 9.0 + 8.0;
+            let rgba = walk::march(object, &scene.camera, 999, &ray, 0.5, WHEN_OPAQUE).rgba;
+            let n_x = -g_x / g_x.hypot(2.0);
+            assert!((rgba[0] - (0.5 + 0.5 * n_x)).abs() < 1e-6 && (rgba[1] - 0.5).abs() < 1e-6, "{sigma}: {rgba:?}");
+        }
+    }
+
+    #[test]
+    fn the_march_blurs_styles_by_pixel_size_and_gradient() {
+        // A style of stripes one texel wide: white at level 0, half gray from level 1 on.
+        let stripes = Picture {
+            width: STYLE_SIZE,
+            height: STYLE_SIZE,
+            pixels: (0..STYLE_SIZE * STYLE_SIZE).map(|i| [((i + 1) % 2) as f32, 0.0, 0.0, 1.0]).collect(),
+        };
+        let stripes = StyleImage::from_straight("stripes", &stripes).unwrap();
+        // A slope whose normal meets texel 200 in its middle.
+        let n_x: f64 = (2.0 * 200.0 + 1.0 - 256.0) / 255.0;
+        let outward = DVec3::new(n_x, -(1.0 - n_x * n_x).sqrt(), 0.0);
+        for steepest in [1.0, 50.0, 60.0] {
+            // Further back it is steeper, and sets G.
+            let field = |p: DVec3| -outward.dot(p) + steepest * (p.y - 12.0).max(0.0);
+            let data = volume([17, 17, 9], DAffine3::IDENTITY, field);
+            let camera = Camera::looking(DVec3::new(8.0, -20.0, 4.0), DVec3::Y, DVec3::Z, ORTHO).unwrap();
+            let mut scene = scene(data, vec![node(0.0, 0, 1.0)], vec![stripes.clone()], camera);
+            let red = |scene: &Scene, rows: u32| {
+                let reference = Reference::new(scene).unwrap();
+                let object = reference.prepared().unwrap();
+                let mut ray = ray_from_pixel(&scene.camera, [1, rows], 0, rows / 2);
+                // The one sample is at y = 5.25, 25.25 mm from the eye.
+                ray.t_min = 25.0;
+                let blur = 1.0 - (1.0 / object.gradient_max / 0.02).min(1.0);
+                // 1 − smoothstep(s) = smoothstep(1 − s).
+                let level = 3.0 * blur * blur * (3.0 - 2.0 * blur);
+                (walk::march(object, &scene.camera, rows, &ray, 0.5, WHEN_OPAQUE).rgba[0], level)
+            };
+            for projection in [
+                Projection::Orthographic { height_mm: 1.5 * 101.0 },
+                Projection::Perspective { fov_y_deg: 2.0 * (0.75 * 101.0 / 25.25f64).atan().to_degrees() },
+            ] {
+                // Pixels of 1.5 voxels, and of less than one.
+                scene.camera.projection = projection;
+                for (rows, octaves) in [(101, 1.5f64.log2()), (301, 0.0)] {
+                    let (red, level) = red(&scene, rows);
+                    let expected = 1.0 - 0.5 * (octaves + level).min(1.0);
+                    assert!((red - expected).abs() < 1e-6, "{steepest} {projection:?} {rows}: {red} {expected}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn nan_voxels_never_give_nan_pixels() {
         let grid = Grid::new([8, 8, 8], awkward_affines()[4]).unwrap();
         let broken = |i: usize| match i * 2654435761 % 11 {
@@ -376,10 +448,10 @@ mod tests {
         let march = Reference::new(&scene).unwrap().march([1, 1], 0, 0, 1.0, 0.0);
         assert_eq!((march.num_samples, march.num_visible), (7, 6));
         assert!((march.rgba[3] - (1.0 - 0.6f64.powi(6))).abs() < 1e-12);
-        // Half a voxel apart, k + ¼ and k + ¾: four samples beside the gap have a weight of ¼ or ¾.
+        // Half a voxel apart, at k ± ¼: two samples beside the gap have a weight of ¼, two of ¾.
         let half = Reference::new(&scene).unwrap().march([1, 1], 0, 0, 0.5, 0.0);
-        let clear = 0.6f64.powi(10) * (1.0 - 0.4 * 0.25) * (1.0 - 0.4 * 0.75);
-        assert!((half.rgba[3] - (1.0 - clear.sqrt() * ((1.0 - 0.1) * (1.0 - 0.3f64)).sqrt())).abs() < 1e-12);
+        let clear = 0.6f64.powi(5) * (1.0 - 0.4 * 0.25) * (1.0 - 0.4 * 0.75);
+        assert!((half.rgba[3] - (1.0 - clear)).abs() < 1e-12);
     }
 
     #[test]
@@ -427,7 +499,7 @@ mod tests {
         let mut num_hit = 0;
         for y in 480..521 {
             for x in 480..521 {
-                let [a, b] = [&far, &near].map(|r| r.pixel_with_step(size, x, y, 1.0 / 16.0, 0.0));
+                let [a, b] = [&far, &near].map(|r| r.pixel_with_step(size, x, y, 1.0 / 16.0, WHEN_OPAQUE));
                 let offset = (f64::from(x) - 500.0).hypot(f64::from(y) - 500.0) * height_mm / 1001.0;
                 if (offset - 10.0).abs() > 0.2 {
                     // Sample grids start at the same face but for rounding: one step's difference at most.

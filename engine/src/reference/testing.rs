@@ -28,7 +28,7 @@ pub(super) fn awkward_affines() -> [DAffine3; 5] {
     let mirror = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
     let offset = DVec3::new(10.0, -20.0, 30.0);
     [DMat3::IDENTITY, scale, turn * scale, shear, mirror * turn * shear]
-        .map(|m| DAffine3 { matrix3: m.into(), translation: offset.into() })
+        .map(|m| DAffine3 { matrix3: m, translation: offset })
 }
 
 /// A transfer function node.

@@ -350,7 +350,7 @@ pub fn generate(resolution: usize, progress: &Progress) -> Result<Specimen> {
     let broken = |what: String| Error::scene(what, "choose another resolution");
     let grid = Grid::new(dims, affine).map_err(broken)?;
 
-    let (right, left) = rayon::join(|| brain::Folds::grow(7), || brain::Folds::grow(8));
+    let (right, left) = rayon::join(|| brain::Folds::grow(9), || brain::Folds::grow(10));
     progress.check()?;
     let head = Head { folds: [right, left], teeth: skull::teeth(), tubes: vessels::vessels() };
 

@@ -11,6 +11,7 @@ use crate::figure::bridge::Replacement;
 use crate::figure::source::VolumeSource;
 
 #[derive(clap::Args, Debug)]
+#[group(skip)]
 pub struct Arguments {
     /// A file, folder or specimen:NAME[@N] in place of the template's volume; repeat it to fill further slots.
     #[arg(long, value_name = "FILE_OR_DIR")]

@@ -192,7 +192,7 @@ impl Folds {
                 .into_par_iter()
                 .map(|i| match gather[i] {
                     Some(at) => {
-                        let u = trilinear(&response, at) * gain + pull[i] + -0.15;
+                        let u = trilinear(&response, at) * gain + pull[i] + -0.12;
                         // At the end the pattern is driven to its plateaus: every sulcus is cut through.
                         squash(if last { 5.0 * u } else { 2.0 * u })
                     }
@@ -292,7 +292,7 @@ pub fn cerebrum(p: Vec3, folds: &Folds) -> Parts {
     let center = core(q).min(callosum(q));
     let u = folds.at(q);
     // From the pattern to the distance from the middle of the sulcus, mm.
-    let from_sulcus = (acos(-u / 0.79)) * (PERIOD_MM / TAU);
+    let from_sulcus = (acos(-u / 0.84)) * (PERIOD_MM / TAU);
     let depth = -smooth;
     let floor = 13.0 * smoothstep(2.0, 12.0, center);
     // Sulci gape at the surface and are slits below.
