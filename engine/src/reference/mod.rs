@@ -414,6 +414,33 @@ mod tests {
     }
 
     #[test]
+    fn the_pixel_size_is_that_of_the_depth_not_of_the_distance() {
+        // A style with a bright middle, which fades from mip to mip; without a gradient it is what shows, three levels
+        // blurred at least.
+        let spot = |i: usize| {
+            let [x, y] = [i % STYLE_SIZE, i / STYLE_SIZE].map(|k| (k as f32 - 127.5) / 127.5);
+            [(1.0 - 3.0 * x.hypot(y)).max(0.0), 0.0, 0.0, 1.0]
+        };
+        let pixels = (0..STYLE_SIZE * STYLE_SIZE).map(spot).collect();
+        let style =
+            StyleImage::from_straight("spot", &Picture { width: STYLE_SIZE, height: STYLE_SIZE, pixels }).unwrap();
+        let wide = Projection::Perspective { fov_y_deg: 60.0 };
+        let camera = Camera::looking(DVec3::new(40.0, -20.5, 1.0), DVec3::Y, DVec3::Z, wide).unwrap();
+        let data = volume([81, 3, 3], DAffine3::IDENTITY, |_| 1.0);
+        let scene = scene(data, vec![node(0.0, 0, 1.0)], vec![style.clone()], camera);
+        let reference = Reference::new(&scene).unwrap();
+        for x in [0, 8, 16, 32] {
+            let rgba = reference.pixel_with_step([33, 11], x, 5, 0.5, WHEN_OPAQUE);
+            let h = 30f64.to_radians().tan();
+            let across = h * (2.0 * (f64::from(x) + 0.5) - 33.0) / 11.0;
+            // A quarter of a voxel along the ray behind the face, which is 20 mm before the eye.
+            let depth = 20.0 + 0.25 / across.hypot(1.0);
+            let expected = style::sample_style(&style, [0.5, 0.5], 3.0 + (2.0 * h * depth / 11.0).log2());
+            assert!((rgba[0] - expected[0]).abs() < 1e-9, "{x}: {rgba:?} {expected:?}");
+        }
+    }
+
+    #[test]
     fn nan_voxels_never_give_nan_pixels() {
         let grid = Grid::new([8, 8, 8], awkward_affines()[4]).unwrap();
         let broken = |i: usize| match i * 2654435761 % 11 {

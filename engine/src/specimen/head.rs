@@ -28,7 +28,7 @@ use crate::volume::labels::{Label, LabelMap};
 use crate::volume::{Modality, Rescale, Volume, Voxels};
 
 /// See [`super::version`].
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// The box of the specimen, world mm.
 const BOX_MIN: DVec3 = DVec3::new(-100.0, -106.0, -122.0);
@@ -165,6 +165,11 @@ fn asymmetry(p: Vec3) -> Vec3 {
 }
 
 impl Head {
+    fn new() -> Self {
+        let (right, left) = rayon::join(|| brain::Folds::grow(7), || brain::Folds::grow(8));
+        Self { folds: [right, left], teeth: skull::teeth(), tubes: vessels::vessels() }
+    }
+
     fn scope(&self, center: Vec3, radius: f32) -> Scope {
         let p = asymmetry(center);
         let q = vec3(p.x.abs(), p.y, p.z);
@@ -190,7 +195,7 @@ impl Head {
             cerebrum: near(brain::hull(q)) || near(brain::core(q)),
             ventricles: near(brain::ventricles(q)),
             cerebellum: near(brain::cerebellum_hull(q)),
-            stem: near(brain::stem(q)),
+            stem: near(brain::stem(q)) || near(skull::spinal_canal(q)),
             orbit: near(skull::orbit(q)) || near((q - face::EYE).length() - 16.0),
             airways: near(face::airways(p, -100.0)),
             muscles: !inside,
@@ -258,7 +263,7 @@ impl Head {
         if s.airways {
             paint.put(face::airways(p, skin).max(-skull::cavity(q) - 1.0), AIR_HU, Part::Airways);
         }
-        if s.cavity {
+        if s.cavity || s.stem {
             self.paint_brain(p, q, s, &mut paint);
         }
         if !s.tubes.is_empty() {
@@ -317,6 +322,8 @@ impl Head {
     fn paint_brain(&self, p: Vec3, q: Vec3, s: &Scope, paint: &mut Paint) {
         paint.put(skull::cavity(q), 9.0, Part::Fluid);
         if s.stem {
+            // The sac of the cord stays a millimeter off the bone.
+            paint.put(skull::spinal_canal(q) + 1.0, 9.0, Part::Fluid);
             paint.put(brain::stem(q), 33.0, Part::Stem);
         }
         if s.cerebellum {
@@ -350,9 +357,8 @@ pub fn generate(resolution: usize, progress: &Progress) -> Result<Specimen> {
     let broken = |what: String| Error::scene(what, "choose another resolution");
     let grid = Grid::new(dims, affine).map_err(broken)?;
 
-    let (right, left) = rayon::join(|| brain::Folds::grow(9), || brain::Folds::grow(10));
+    let head = Head::new();
     progress.check()?;
-    let head = Head { folds: [right, left], teeth: skull::teeth(), tubes: vessels::vessels() };
 
     // Bricks of about 8 mm.
     let edge = ((8.0 / spacing).floor() as usize).clamp(1, 16);

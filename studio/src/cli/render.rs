@@ -160,6 +160,9 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     if arguments.verbose {
         eprintln!("adapter: {} ({}, {})", adapter.name, adapter.backend, adapter.kind);
         eprintln!("pipeline: {}", report.pipeline);
+        if let Some(mb) = peak_memory_mb() {
+            eprintln!("peak memory: {mb:.0} MB");
+        }
         let mm = size.map(|n| f64::from(n) / dpi * 25.4);
         eprintln!(
             "{}: {} x {} pixels at {dpi:.1} dpi = {:.1} x {:.1} mm",
@@ -171,6 +174,14 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
         );
     }
     Ok(())
+}
+
+/// The most memory that this process ever held, where the system tells (Linux), in 10⁶ bytes.
+fn peak_memory_mb() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    let kib: f64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib * 1024.0 / 1e6)
 }
 
 /// What would make the last step fail is found before the first one.

@@ -30,6 +30,10 @@ const CELLS: [usize; 3] = [44, 102, 74];
 /// Distance from one sulcus to the next, mm (what the two blurs below settle to).
 const PERIOD_MM: f32 = 13.0;
 
+/// A small bias toward sulci, in units of the pattern's strength: without it they break up into dimples, with much
+/// more of it the gyri break up into islands.
+const SULCAL: f32 = 0.13;
+
 /// The fold pattern of one hemisphere.
 pub struct Folds {
     /// About -1 in a sulcus, +1 on a gyral crown.
@@ -192,7 +196,7 @@ impl Folds {
                 .into_par_iter()
                 .map(|i| match gather[i] {
                     Some(at) => {
-                        let u = trilinear(&response, at) * gain + pull[i] + -0.12;
+                        let u = trilinear(&response, at) * gain + pull[i] - SULCAL;
                         // At the end the pattern is driven to its plateaus: every sulcus is cut through.
                         squash(if last { 5.0 * u } else { 2.0 * u })
                     }
@@ -292,11 +296,11 @@ pub fn cerebrum(p: Vec3, folds: &Folds) -> Parts {
     let center = core(q).min(callosum(q));
     let u = folds.at(q);
     // From the pattern to the distance from the middle of the sulcus, mm.
-    let from_sulcus = (acos(-u / 0.84)) * (PERIOD_MM / TAU);
+    let from_sulcus = (acos(-u / 0.81)) * (PERIOD_MM / TAU);
     let depth = -smooth;
     let floor = 13.0 * smoothstep(2.0, 12.0, center);
     // Sulci gape at the surface and are slits below.
-    let half_width = mix(0.95, 0.8, smoothstep(0.0, 6.0, depth));
+    let half_width = mix(0.75, 0.7, smoothstep(0.0, 6.0, depth));
     let slit = smax(from_sulcus - half_width, depth - floor, 2.5);
     let mut d = smax(smooth, -slit, 3.3);
     // Sylvian fissure: a slanting sheet, 20 mm deep, that frees the temporal lobe.

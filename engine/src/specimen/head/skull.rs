@@ -429,13 +429,18 @@ impl Tooth {
     }
 }
 
+/// The canal of the spinal cord, from the foramen magnum down.
+pub fn spinal_canal(q: Vec3) -> f32 {
+    cone(q, vec3(0.0, -21.0, -32.0), vec3(0.0, -20.0, -140.0), 10.0, 8.5)
+}
+
 /// The upper cervical spine: atlas, axis with its dens, C3 and C4.
 pub fn vertebrae(q: Vec3) -> f32 {
     let bound = rounded_box(q - vec3(0.0, -20.0, -80.0), vec3(42.0, 45.0, 50.0), 5.0);
     if bound > 12.0 {
         return bound;
     }
-    let canal = cone(q, vec3(0.0, -21.0, -30.0), vec3(0.0, -20.0, -130.0), 10.0, 8.5);
+    let canal = spinal_canal(q);
     // Atlas: a ring with two lateral masses and long transverse processes.
     let a = q - vec3(0.0, -18.0, -41.0);
     let flat = vec2(ellipse(vec2(a.x, a.y), vec2(20.0, 20.0)), a.z * 0.9);
