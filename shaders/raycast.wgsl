@@ -30,7 +30,8 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let span = intersect_box(ray.origin, ray.direction, object.box_max);
     // Δ in mm so that a step is `step_voxels` voxels long in index space, whatever the spacing.
     let step = frame.step_voxels / length(ray.direction);
-    let num_samples = samples_between(span, step);
+    let steps = (span.y - span.x) / step;
+    let num_samples = num_pieces(steps);
     let first = ray.origin + span.x * ray.direction;
     let stride = step * ray.direction;
     let axes = ray_frame(ray.world_direction);
@@ -45,7 +46,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         loop {
             loop {
                 if k >= num_samples { break; }
-                p = sample_position(first, stride, k);
+                p = first + piece_middle(k, steps) * stride;
                 let brick = brick_of(p);
                 let distance = textureLoad(skip_map, brick, 0).x;
                 if distance == 0u { break; }
@@ -64,9 +65,9 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         if !visible { break; }
 
         let g = gradient_at(p);
-        let depth = frame.near_depth + (span.x + (f32(k) + 0.5) * step) * ray.depth_per_mm;
+        let depth = frame.near_depth + (span.x + piece_middle(k, steps) * step) * ray.depth_per_mm;
         let style = shade(material.node, g, ray.world_direction, axes, style_level(depth));
-        accumulated = composite(accumulated, style, opacity_correct(style.a * material.opacity, exponent));
+        accumulated = composite(accumulated, style, opacity_correct(style.a * material.opacity, exponent * piece_length(k, steps)));
         k += 1u;
         if 1.0 - accumulated.a < frame.termination {
             accumulated /= accumulated.a;

@@ -44,12 +44,17 @@ fn intersect_box(origin: vec3f, direction: vec3f, box_max: vec3f) -> vec2f {
     return vec2f(max(max(enter.x, enter.y), max(enter.z, 0.0)), min(min(leave.x, leave.y), leave.z));
 }
 
-// A sample belongs to the span that contains it: the number of k ≥ 0 with (k+½)·step inside it.
-fn samples_between(span: vec2f, step: f32) -> u32 {
-    return u32(clamp(ceil((span.y - span.x) / step - 0.5), 0.0, 16777216.0));
+// A span, measured in steps, is cut into pieces one step long, the last of them shorter, so that it is covered exactly.
+fn num_pieces(steps: f32) -> u32 {
+    return u32(clamp(ceil(steps), 0.0, 16777216.0));
 }
 
-// From the index, never accumulated: the same sample is the same position with and without skipping.
-fn sample_position(first: vec3f, stride: vec3f, k: u32) -> vec3f {
-    return first + (f32(k) + 0.5) * stride;
+// Middle of piece k, in steps. From the index, never accumulated: the same with and without skipping.
+fn piece_middle(k: u32, steps: f32) -> f32 {
+    return 0.5 * (f32(k) + min(f32(k + 1u), steps));
+}
+
+// Length of piece k, in steps.
+fn piece_length(k: u32, steps: f32) -> f32 {
+    return min(f32(k + 1u), steps) - f32(k);
 }

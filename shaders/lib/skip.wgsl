@@ -14,7 +14,8 @@ fn leap(brick: vec3i, distance: u32, first: vec3f, stride: vec3f, k: u32) -> u32
     let wall = select(low, high, stride > vec3f(0.0));
     let still = abs(stride) < vec3f(1e-30);
     let steps = select((wall - first) / select(stride, vec3f(1.0), still), vec3f(3e38), still);
-    // One sample early rather than late: rounding must never leap over the first visible sample.
+    // The piece whose middle lies beyond the wall; a shorter last piece has its middle earlier, so it is never leapt
+    // over, and rounding may make a leap too short but not too long.
     let next = min(min(steps.x, steps.y), steps.z) - 0.5 - 1e-3;
     return max(k + 1u, u32(clamp(ceil(next), 0.0, 16777216.0)));
 }

@@ -2,8 +2,9 @@
 #import bind/frame
 #import bind/object
 
-// Below this share of G a gradient is rounding noise of the 16-bit copy: no surface.
-const NO_SURFACE: f32 = 1e-5;
+// Below this share of G a gradient is rounding noise of the 16-bit copy: no surface. From the next one on it is one.
+const NO_SURFACE: f32 = 2e-4;
+const SURFACE: f32 = 2e-3;
 // Below this share of G the normal is mostly noise: the style is read up to NOISE_LEVELS mips blurrier.
 const NOISY_SURFACE: f32 = 0.02;
 const NOISE_LEVELS: f32 = 3.0;
@@ -32,9 +33,9 @@ fn shade(node: f32, g: vec3f, ray: vec3f, axes: Axes, level: f32) -> vec4f {
     // Outward: towards lower values. Towards the eye: the whole vector, not only its depth.
     let outward = -g / max(magnitude, 1e-30);
     let n = select(outward, -outward, dot(outward, ray) > 0.0);
-    let has_surface = magnitude > NO_SURFACE;
-    let n_xy = select(vec2f(0.0), vec2f(dot(n, axes.right), dot(n, axes.up)), has_surface);
-    let uv = style_uv(n_xy);
+    // In between the normal moves out from the style's center: a threshold would show the noise as specks.
+    let presence = smoothstep(NO_SURFACE, SURFACE, magnitude);
+    let uv = style_uv(presence * vec2f(dot(n, axes.right), dot(n, axes.up)));
     let blurred = level + NOISE_LEVELS * (1.0 - smoothstep(0.0, NOISY_SURFACE, magnitude));
     let first = floor(node);
     let a = textureSampleLevel(styles, style_sampler, uv, node_layer(i32(first)), blurred);

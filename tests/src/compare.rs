@@ -5,11 +5,12 @@ use fabrica_engine::color::srgb_from_linear;
 use fabrica_engine::render::FloatImage;
 
 /// The largest error, in 8-bit codes, that f32 arithmetic, a table of 4096 entries, half-float styles and 16-bit
-/// gradient texels cause at equal step and termination. Measured over the phantoms and the specimen: see
+/// gradient texels cause at equal step and termination. Measured over the phantoms and the specimen: at most 0.30, and
+/// 0.12 root mean square; single pixels on a silhouette reach 5, which the percentile leaves out. See
 /// `suites/reference.rs`, which prints what it finds.
-pub const SAME_SETTINGS_P999_CODES: f64 = 1.0;
+pub const SAME_SETTINGS_P999_CODES: f64 = 0.5;
 /// Root mean square over the picture, same origin.
-pub const SAME_SETTINGS_RMSE_CODES: f64 = 0.25;
+pub const SAME_SETTINGS_RMSE_CODES: f64 = 0.2;
 
 /// How far two pictures are apart.
 #[derive(Clone, Copy, Debug, PartialEq)]

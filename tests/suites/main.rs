@@ -5,5 +5,6 @@
 mod orientation;
 mod raycast;
 mod readers;
+mod reference;
 mod templates;
 mod tidy;

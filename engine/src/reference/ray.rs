@@ -56,21 +56,24 @@ pub fn intersect_box(origin: DVec3, direction: DVec3, t_min: f64, low: DVec3, hi
     (t0 < t1 && t0.is_finite() && t1.is_finite()).then_some((t0, t1))
 }
 
-/// The samples of a ray: t_k = t₀ + (k + ½)Δ for k below `count`.
+/// The samples of a ray: the middles of the pieces that the span t₀ … t₁ is cut into, each Δ long but the last.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Samples {
     /// Where the ray enters the volume's box (or begins in it), in mm along the ray.
     pub t0: f64,
-    /// Δ: distance of two samples in mm.
+    /// Where it leaves the box.
+    pub t1: f64,
+    /// Δ: length of a whole piece in mm.
     pub delta_mm: f64,
-    /// How many samples lie in the box.
+    /// How many pieces there are.
     pub count: u64,
 }
 
 impl Samples {
-    /// The distance of sample `k` in mm along the ray.
-    pub fn t(&self, k: u64) -> f64 {
-        self.t0 + (k as f64 + 0.5) * self.delta_mm
+    /// Both ends of piece `k` in mm along the ray.
+    pub fn piece(&self, k: u64) -> (f64, f64) {
+        let start = self.t0 + k as f64 * self.delta_mm;
+        (start, (self.t0 + (k + 1) as f64 * self.delta_mm).min(self.t1))
     }
 }
 
@@ -82,9 +85,8 @@ pub fn samples(ray: &Ray, grid: &Grid, step_voxels: f64) -> Option<Samples> {
     let (low, high) = grid.index_box();
     let (t0, t1) = intersect_box(origin, direction, ray.t_min, low, high)?;
     let delta_mm = step_voxels / direction.length();
-    // A sample belongs to the span that contains it: (k + ½)Δ < t₁ − t₀.
-    let count = ((t1 - t0) / delta_mm - 0.5).ceil().max(0.0) as u64;
-    Some(Samples { t0, delta_mm, count })
+    let count = ((t1 - t0) / delta_mm).ceil() as u64;
+    Some(Samples { t0, t1, delta_mm, count })
 }
 
 #[cfg(test)]
@@ -157,21 +159,29 @@ mod tests {
                 for step in [0.25, 0.7, 1.0, 3.0] {
                     let s = samples(&ray, &grid, step).unwrap();
                     let index = |t: f64| affine.inverse().transform_point3(ray.origin_mm + t * direction);
-                    assert!((index(s.t(1)).distance(index(s.t(0))) - step).abs() < 1e-9);
-                    // The first sample is half a step behind the face; one more would be outside, the last is not.
+                    let (start, end) = s.piece(0);
+                    assert!(
+                        (index(start).distance(index(end)) - step.min(index(s.t0).distance(index(s.t1)))).abs() < 1e-9
+                    );
+                    // The pieces cover the span from face to face, without gap or overlap.
                     let (low, high) = grid.index_box();
                     let depth = |t: f64| (index(t) - low).min(high - index(t)).min_element();
-                    assert!(depth(s.t0).abs() < 1e-9 && depth(s.t(s.count - 1)) > -1e-9 && depth(s.t(s.count)) < 1e-9);
+                    assert!(depth(s.piece(0).0).abs() < 1e-9 && depth(s.piece(s.count - 1).1).abs() < 1e-9);
+                    assert!((1..s.count).all(|k| s.piece(k).0 == s.piece(k - 1).1));
                 }
             }
         }
     }
 
     #[test]
-    fn samples_of_a_span_below_half_a_step_are_none() {
+    fn samples_of_a_thin_span_are_one_piece_of_its_length() {
         let grid = Grid::new([1, 1, 1], glam::DAffine3::IDENTITY).unwrap();
         let ray = Ray { origin_mm: DVec3::new(-5.0, 0.0, 0.0), direction: DVec3::X, t_min: 0.0 };
-        let count = |step| samples(&ray, &grid, step).unwrap().count;
-        assert_eq!([count(0.5), count(1.0), count(1.9), count(2.0), count(64.0)], [2, 1, 1, 0, 0]);
+        for step in [1.0, 1.9, 2.0, 64.0] {
+            let s = samples(&ray, &grid, step).unwrap();
+            assert_eq!((s.count, s.piece(0)), (1, (4.5, 5.5)));
+        }
+        let s = samples(&ray, &grid, 0.75).unwrap();
+        assert_eq!((s.count, s.piece(1)), (2, (5.25, 5.5)));
     }
 }

@@ -9,7 +9,9 @@ use crate::scene::{Camera, Projection, StyleTransferFunction};
 use crate::styles::StyleImage;
 
 /// Up to this ‖ĝ‖ there is no surface, and the style's center is shown.
-pub const NO_SURFACE: f64 = 1e-5;
+pub const NO_SURFACE: f64 = 2e-4;
+/// From this ‖ĝ‖ on there is a surface; in between, the normal moves out from the style's center.
+pub const SURFACE: f64 = 2e-3;
 /// ‖ĝ‖ from which on a style is not blurred for its normal's noise.
 const SHARP: f64 = 0.02;
 /// Mip levels of blur where the gradient vanishes.
@@ -64,7 +66,7 @@ pub fn ray_frame(camera: &Camera, direction: DVec3) -> RayFrame {
 }
 
 /// n_xy: the right and up components, in the ray's frame, of the unit normal that faces the viewer. (0, 0) where there
-/// is no surface. `gradient` in data units per mm, world; `gradient_max` is G.
+/// is no surface, and shorter than that where there is hardly one. `gradient` in data units per mm, world; `gradient_max` is G.
 pub fn style_normal(gradient: DVec3, gradient_max: f64, direction: DVec3, frame: &RayFrame) -> [f64; 2] {
     let magnitude = gradient.length();
     if magnitude / gradient_max <= NO_SURFACE {
@@ -73,7 +75,9 @@ pub fn style_normal(gradient: DVec3, gradient_max: f64, direction: DVec3, frame:
     let outward = -gradient / magnitude;
     // v = −direction. The whole vector is turned: the style's picture is the same for either side of a surface.
     let facing = if outward.dot(-direction) >= 0.0 { outward } else { -outward };
-    [facing.dot(frame.right), facing.dot(frame.up)]
+    let x = ((magnitude / gradient_max - NO_SURFACE) / (SURFACE - NO_SURFACE)).min(1.0);
+    let presence = x * x * (3.0 - 2.0 * x);
+    [presence * facing.dot(frame.right), presence * facing.dot(frame.up)]
 }
 
 /// Texture coordinates (0…1, v downwards) of a normal in a style of `size` texels a side.
@@ -204,8 +208,9 @@ mod tests {
         assert_eq!(normal([2.0, 0.0, 0.0], 1.0), [-1.0, 0.0]);
         // No surface.
         assert_eq!(normal([0.0; 3], 1.0), [0.0, 0.0]);
-        assert_eq!(normal([-1e-5, 0.0, 0.0], 1.0), [0.0, 0.0]);
-        assert_eq!(normal([-1.1e-5, 0.0, 0.0], 1.0), [1.0, 0.0]);
+        assert_eq!(normal([-2e-4, 0.0, 0.0], 1.0), [0.0, 0.0]);
+        assert!((normal([-1.1e-3, 0.0, 0.0], 1.0)[0] - 0.5).abs() < 1e-12);
+        assert_eq!(normal([-2e-3, 0.0, 0.0], 1.0), [1.0, 0.0]);
         assert_eq!(normal([-3.0, 0.0, 0.0], 1e6), [0.0, 0.0]);
     }
 

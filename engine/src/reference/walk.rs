@@ -67,10 +67,11 @@ pub fn march(
     let direction: DVec3 = object.grid.index_from_world().matrix3 * ray.direction;
     let frame = ray_frame(camera, ray.direction);
     let smallest_spacing_mm = object.grid.spacing_mm().min_element();
-    let length_ratio = samples.delta_mm / object.transfer_function.reference_length_mm;
 
     for k in 0..samples.count {
-        let t = samples.t(k);
+        let (start, end) = samples.piece(k);
+        let t = 0.5 * (start + end);
+        let length_ratio = (end - start) / object.transfer_function.reference_length_mm;
         let p = origin + t * direction;
         let class = classify(object.transfer_function, sample_volume(&object.data, p));
         let has_data = object.validity.as_ref().map_or(1.0, |validity| sample_volume(validity, p));
