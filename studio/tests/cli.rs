@@ -158,6 +158,9 @@ fn inspect_schema_and_adapters_speak_json() {
     assert_eq!(report["orientation"], "RAS");
     assert_eq!(report["datatype"], "uint8");
     assert_eq!((report["min"].as_f64(), report["num_nonfinite"].as_u64()), (Some(100.0), Some(0)));
+    let specimen = json(&["inspect", "specimen:head@32", "--json"]);
+    assert_eq!(specimen["modality"], "ct");
+    assert!(specimen["structures"].to_string().contains("skull"));
     let schema = json(&["schema"]);
     assert!(schema["properties"]["objects"].is_object() && schema["required"].to_string().contains("fabrica"));
     let adapters = json(&["adapters", "--json", "--software"]);

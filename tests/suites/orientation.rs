@@ -39,8 +39,10 @@ fn place(image: &FloatImage) -> (i32, i32) {
     ((0.5 * x / n).round() as i32, (0.5 * y / n).round() as i32)
 }
 
-/// Where the marks to the patient's right, front and top must be, seen from each side.
-const VIEWS: [(DVec3, &str, [(i32, i32); 3]); 5] = [
+/// Direction to the eye, what it is called, and where the marks to the patient's right, front and top must be.
+type View = (DVec3, &'static str, [(i32, i32); 3]);
+
+const VIEWS: [View; 5] = [
     (DVec3::Y, "the front: the patient's right is on the left of the picture", [(-11, 0), (0, 0), (0, 11)]),
     (DVec3::NEG_Y, "behind: right is right", [(11, 0), (0, 0), (0, 11)]),
     (DVec3::X, "the patient's right: the face looks to the right", [(0, 0), (11, 0), (0, 11)]),

@@ -351,3 +351,17 @@ fn a_scene_without_a_feature_has_no_code_for_it() {
         assert_eq!(text.contains("textureSampleLevel(data"), key.filtered, "{key}");
     }
 }
+
+#[test]
+fn a_volume_over_the_memory_limit_is_refused() {
+    let dims = [4096, 4096, 160];
+    let grid = Grid::new(dims, DAffine3::IDENTITY).unwrap();
+    // Zeroed memory that nobody writes costs none.
+    let huge = Voxels::U8(vec![0; dims[0] * dims[1] * dims[2]]);
+    let volume = Arc::new(Volume::new(grid, huge, Rescale::IDENTITY, "test").unwrap());
+    let scene = phantom::scene(&volume, OPAQUE, Quality::STANDARD);
+    let error = renderer().render(&scene, [8, 8], &RenderOptions::default(), &Progress::new()).unwrap_err();
+    let message = error.to_string();
+    assert!(message.contains("5.0 GiB") && message.contains("it grants about"), "{message}");
+    assert!(!message.contains("about 0 slices"), "{message}");
+}

@@ -226,25 +226,45 @@ fn encode(voxels: &Voxels, part: std::ops::Range<usize>, encoding: Encoding, tex
 }
 
 fn make_texture(context: &GpuContext, label: &str, dims: [usize; 3], texel: Texel) -> Result<wgpu::Texture> {
-    let bytes = (dims[0] * dims[1] * dims[2] * texel.bytes()) as f64;
-    let what = format!(
-        "a 3-D texture of {} x {} x {} texels ({:.1} GiB) for the {label}",
-        dims[0],
-        dims[1],
-        dims[2],
-        bytes / (1u64 << 30) as f64
-    );
-    context.checked(&what, "crop or downsample the volume, or choose another adapter", |device| {
-        device.create_texture(&wgpu::TextureDescriptor {
-            label: Some(label),
-            size: extent(dims),
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D3,
-            format: texel.format(),
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
+    let gib = |planes: usize| (dims[0] * dims[1] * planes * texel.bytes()) as f64 / f64::from(1 << 30);
+    let create = |planes: usize| {
+        let what = format!(
+            "a 3-D texture of {} x {} x {planes} texels ({:.1} GiB) for the {label}",
+            dims[0],
+            dims[1],
+            gib(planes)
+        );
+        context.checked(&what, "crop or downsample the volume, or choose another adapter", |device| {
+            device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: extent([dims[0], dims[1], planes]),
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D3,
+                format: texel.format(),
+                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+                view_formats: &[],
+            })
         })
+    };
+    create(dims[2]).map_err(|refused| {
+        // wgpu does not tell the limit in bytes; what the driver grants does.
+        let (mut granted, mut too_many) = (0, dims[2]);
+        while too_many - granted > 1 + dims[2] / 64 {
+            let middle = granted.midpoint(too_many);
+            if let Ok(texture) = create(middle) {
+                texture.destroy();
+                granted = middle;
+            } else {
+                too_many = middle;
+            }
+        }
+        let reason = refused.to_string();
+        let reason = reason.split_once("; ").map_or(reason.as_str(), |(what, _)| what);
+        Error::gpu(
+            format!("{reason}; it grants about {granted} slices of that size ({:.1} GiB) at present", gib(granted)),
+            "crop or downsample the volume, or choose another adapter",
+        )
     })
 }
 
