@@ -2,9 +2,9 @@
 //! needs the memory of a band. Tiled equals untiled bit for bit: a tile knows its place in the whole picture.
 
 use crate::error::{Error, Result};
-use crate::gpu::context::GpuContext;
+use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::upload::ResidentVolumes;
-use crate::pass::raycast::{RaycastObject, RaycastPass, ShaderPatch, TARGET_FORMAT};
+use crate::pass::raycast::{RaycastObject, RaycastPass, ShaderPatch};
 use crate::progress::Progress;
 use crate::scene::{Background, Scene};
 

@@ -163,6 +163,7 @@ fn inspect_schema_and_adapters_speak_json() {
     assert!(specimen["structures"].to_string().contains("skull"));
     let schema = json(&["schema"]);
     assert!(schema["properties"]["objects"].is_object() && schema["required"].to_string().contains("fabrica"));
+    assert!(json(&["styles", "--json"]).as_array().unwrap().len() >= 8);
     let adapters = json(&["adapters", "--json", "--software"]);
     assert_eq!(adapters[0]["kind"], "software");
     let words = place.run(&["inspect", "block.raw", "--raw", "8x8x8xuint8"]);
@@ -173,7 +174,7 @@ fn inspect_schema_and_adapters_speak_json() {
 fn help_names_every_option() {
     let place = Place::new();
     for (command, words) in [
-        (vec!["--help"], vec!["render", "inspect", "adapters", "schema"]),
+        (vec!["--help"], vec!["render", "inspect", "adapters", "styles", "schema"]),
         (
             vec!["render", "--help"],
             vec!["--volume", "--raw", "--frame", "--size", "--dpi", "--background", "--quality", "--adapter", "--out"],

@@ -70,6 +70,9 @@ pub struct GpuContext {
     pub formats: VolumeFormats,
 }
 
+/// Format of what passes draw: premultiplied linear, f32.
+pub const TARGET_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
+
 /// What is wrong and what to do where wgpu finds nothing that can draw.
 pub const NO_ADAPTER: (&str, &str) = (
     "there is no graphics adapter that can draw",
@@ -86,7 +89,7 @@ fn enumerate(backends: wgpu::Backends) -> Vec<wgpu::Adapter> {
     let mut adapters = pollster::block_on(instance.enumerate_adapters(backends));
     // An adapter that cannot draw into f32 pixels (OpenGL in wgpu 30) cannot draw our pictures.
     adapters.retain(|a| {
-        let target = a.get_texture_format_features(crate::pass::raycast::TARGET_FORMAT);
+        let target = a.get_texture_format_features(TARGET_FORMAT);
         target.allowed_usages.contains(wgpu::TextureUsages::RENDER_ATTACHMENT)
     });
     adapters

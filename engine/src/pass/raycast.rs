@@ -8,7 +8,7 @@ use glam::DVec3;
 use wgpu::util::DeviceExt as _;
 
 use crate::error::{Error, Result};
-use crate::gpu::context::GpuContext;
+use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::shader_library::RaycastKey;
 use crate::gpu::upload::{Encoding, ResidentVolume, extent};
 use crate::scene::{Camera, Object, Projection, Quality, Scene, StyleTransferFunction};
@@ -18,9 +18,6 @@ use crate::volume::Rescale;
 
 /// Entries of the tabulated transfer function.
 pub const TABLE_SIZE: usize = 4096;
-
-/// Format of the pass's result: premultiplied linear, f32.
-pub const TARGET_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 
 /// A `repr(C)` block that a shader reads, with the names and offsets of its fields for the test that compares them.
 macro_rules! uniform {

@@ -60,11 +60,6 @@ pub const HEAD_BYTES: usize = 4096;
 /// The formats, asked in this order.
 static READERS: [&dyn VolumeReader; 3] = [&nifti::NiftiReader, &nrrd::NrrdReader, &raw::RawReader];
 
-/// Every format that can be read, for help texts and file dialogs.
-pub fn readers() -> &'static [&'static dyn VolumeReader] {
-    &READERS
-}
-
 /// Reads a volume from a file or folder of any known format.
 ///
 /// The work shows as the stage "reading" in decoded bytes and stops at [`Progress::cancel`].

@@ -5,7 +5,6 @@ use std::borrow::Cow;
 use rayon::prelude::*;
 
 use super::{Volume, Voxel, Voxels};
-use crate::with_voxels;
 
 /// A volume's voxels with every gap filled, as all interpolation reads them.
 #[derive(Debug)]
@@ -69,23 +68,6 @@ fn fill<T: Voxel + Default>(stored: &[T], volume: &Volume) -> Option<(Vec<T>, Ve
         valid[i] = 0;
     }
     Some((filled, valid))
-}
-
-/// Smallest and largest stored number of filled voxels.
-pub fn stored_range(voxels: &Voxels) -> (f64, f64) {
-    with_voxels!(voxels, v => {
-        let merge = |a: (f64, f64), b: (f64, f64)| (a.0.min(b.0), a.1.max(b.1));
-        v.par_chunks(1 << 16)
-            .map(|chunk| {
-                let (mut lo, mut hi) = (chunk[0], chunk[0]);
-                for &s in chunk {
-                    lo = if s < lo { s } else { lo };
-                    hi = if s > hi { s } else { hi };
-                }
-                (lo.to_f64(), hi.to_f64())
-            })
-            .reduce(|| (f64::INFINITY, f64::NEG_INFINITY), merge)
-    })
 }
 
 #[cfg(test)]

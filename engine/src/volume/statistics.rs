@@ -10,7 +10,6 @@ use rayon::prelude::*;
 use super::{Rescale, Volume, Voxel, Voxels};
 use crate::error::Result;
 use crate::progress::Progress;
-use crate::with_voxels;
 
 /// Number of equal bins of [`Statistics::histogram`].
 pub const NUM_HISTOGRAM_BINS: usize = 256;
@@ -281,25 +280,6 @@ impl Statistics {
             (self.background, self.num_background) = (bin.high, bin.cumulative);
         }
     }
-}
-
-/// Smallest and largest finite data value of a volume, without the rest of the statistics: one fast pass on all
-/// cores. `None` if no voxel is finite.
-pub fn finite_range(volume: &Volume) -> Option<(f64, f64)> {
-    finite_range_and_count(volume).0
-}
-
-/// [`finite_range`], and the number of voxels that are NaN or ±Inf, in the same pass.
-pub fn finite_range_and_count(volume: &Volume) -> (Option<(f64, f64)>, u64) {
-    with_voxels!(&volume.voxels, v => {
-        let scan = v.par_chunks(BLOCK).map(|block| {
-            let mut scan = Scan::default();
-            scan.add(block);
-            scan
-        });
-        let scan = scan.reduce(Scan::default, Scan::merge);
-        (scan.range.map(|(low, high)| data_range(volume.rescale, low.to_f64(), high.to_f64())), scan.num_nonfinite)
-    })
 }
 
 /// The data value of a finite stored number. Where the rescale overflows, the largest number stands in.
@@ -598,8 +578,6 @@ mod tests {
     fn compute(voxels: Voxels, rescale: Rescale) -> Statistics {
         let volume = volume(voxels, rescale);
         let statistics = Statistics::compute(&volume, &Progress::new()).unwrap();
-        let range = (statistics.num_finite > 0).then_some((statistics.min, statistics.max));
-        assert_eq!(finite_range_and_count(&volume), (range, statistics.num_nonfinite));
         assert_eq!(statistics.histogram.len(), NUM_HISTOGRAM_BINS);
         assert_eq!(statistics.histogram.iter().sum::<u64>(), statistics.num_finite);
         statistics

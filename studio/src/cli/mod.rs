@@ -4,6 +4,7 @@ mod adapters;
 mod inspect;
 mod progress_bar;
 mod render;
+mod styles;
 mod volumes;
 
 use std::ffi::OsString;
@@ -28,6 +29,8 @@ enum Command {
     Inspect(inspect::Arguments),
     /// List the graphics adapters that can draw.
     Adapters(adapters::Arguments),
+    /// List the lit-sphere styles that templates can name.
+    Styles(styles::Arguments),
     /// Print the JSON Schema of templates.
     Schema,
 }
@@ -72,6 +75,7 @@ fn run(command: Command, matches: &clap::ArgMatches) -> Result<()> {
         Command::Render(arguments) => render::run(&arguments, matches),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Adapters(arguments) => adapters::run(&arguments),
+        Command::Styles(arguments) => styles::run(&arguments),
         Command::Schema => {
             let schema = schemars::schema_for!(crate::figure::Template);
             print_line(&serde_json::to_string_pretty(&schema)?)

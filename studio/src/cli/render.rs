@@ -7,7 +7,6 @@ use anyhow::{Context as _, Result};
 use fabrica_engine::gpu::{AdapterChoice, GpuContext};
 use fabrica_engine::image_out::{PngOptions, save_atomic, write_png};
 use fabrica_engine::render::{RenderOptions, Renderer};
-use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::{Error, Progress};
 
 use super::progress_bar::Bar;
@@ -110,10 +109,7 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     let progress = Progress::new();
     let _bar = Bar::watch(&progress);
 
-    let mut styles = StyleLibrary::embedded();
-    if let Some(folder) = &arguments.styles {
-        styles = styles.with_folder(folder)?;
-    }
+    let styles = super::styles::library(arguments.styles.as_ref())?;
     // The adapter starts (a driver, often a compiler) while the volume is read.
     let choice = arguments.adapter.clone();
     let adapter = std::thread::spawn(move || GpuContext::new(&choice));
