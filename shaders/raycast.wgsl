@@ -2,11 +2,12 @@
 // Result: premultiplied linear RGBA in f32, background not included.
 //
 // Structure (three phases in nested loops, because a software adapter runs both sides of every `if`
-// but ends loops early): A leaps over empty bricks, B samples until something is visible,
-// C shades and composites that one sample; around and around.
+// but ends loops early): A leaps over empty bricks, B goes on until a piece shows something,
+// C shades and composites that one piece; around and around.
 #import bind/frame
 #import bind/object
 #import lib/composite
+#import lib/face
 #import lib/fullscreen
 #import lib/gradient
 #import lib/opacity
@@ -31,7 +32,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     // Δ in mm so that a step is `step_voxels` voxels long in index space, whatever the spacing.
     let step = frame.step_voxels / length(ray.direction);
     let steps = (span.y - span.x) / step;
-    let num_samples = num_pieces(steps);
+    let count = num_pieces(steps);
     let first = ray.origin + span.x * ray.direction;
     let stride = step * ray.direction;
     let axes = ray_frame(ray.world_direction);
@@ -39,35 +40,44 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 
     var accumulated = vec4f(0.0);
     var k = 0u;
+    // The value at the front of piece k, once it is known: after a leap it is sampled first.
+    var front = 0.0;
+    var known = false;
     loop {
         var visible = false;
-        var p = vec3f(0.0);
-        var material = Classified(0.0, 0.0);
+        var back = 0.0;
+        var piece = Piece(0.0, 0.0, 0.0);
         loop {
             loop {
-                if k >= num_samples { break; }
-                p = first + piece_middle(k, steps) * stride;
-                let brick = brick_of(p);
+                if k >= count { break; }
+                let brick = brick_of(first + piece_middle(k, steps) * stride);
                 let distance = textureLoad(skip_map, brick, 0).x;
                 if distance == 0u { break; }
                 k = leap(brick, distance, first, stride, k);
+                known = false;
             }
-            if k >= num_samples { break; }
-            let value = sample_volume(volume, volume_sampler, p, object.texel_scale);
-            material = classify(transfer_function, value, object.transfer_first, object.transfer_scale);
-            material.opacity *= validity_at(p);
-            if material.opacity > 0.0 {
+            if k >= count { break; }
+            let boundary = piece_end(select(k, k + 1u, known), steps);
+            back = sample_volume(volume, volume_sampler, first + boundary * stride, object.texel_scale);
+            piece = classify_piece(front, back);
+            if known && piece.extinction > 0.0 {
                 visible = true;
                 break;
             }
-            k += 1u;
+            k += u32(known);
+            known = true;
+            front = back;
         }
         if !visible { break; }
 
-        let g = gradient_at(p);
-        let depth = frame.near_depth + (span.x + piece_middle(k, steps) * step) * ray.depth_per_mm;
-        let style = shade(material.node, g, ray.world_direction, axes, style_level(depth));
-        accumulated = composite(accumulated, style, opacity_correct(style.a * material.opacity, exponent * piece_length(k, steps)));
+        let along = f32(k) + piece.middle / piece.extinction * piece_length(k, steps);
+        let p = first + along * stride;
+        let depth = frame.near_depth + (span.x + along * step) * ray.depth_per_mm;
+        let style = shade(piece.node / piece.extinction, gradient_at(p), face_normal(p), ray.world_direction, axes,
+            style_level(depth));
+        let alpha = style.a * one_minus_exp(-piece.extinction) * validity_at(p);
+        accumulated = composite(accumulated, style, opacity_correct(alpha, exponent * piece_length(k, steps)));
+        front = back;
         k += 1u;
         if 1.0 - accumulated.a < frame.termination {
             accumulated /= accumulated.a;

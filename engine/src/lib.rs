@@ -5,6 +5,7 @@ pub mod color;
 pub mod error;
 pub mod gpu;
 pub mod image_out;
+pub mod measure;
 pub mod pass;
 pub mod progress;
 pub mod read;

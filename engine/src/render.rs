@@ -117,6 +117,16 @@ impl Renderer {
                 }
                 let prepared = self.raycast.prepare(&self.context, scene, object, &resident, options.skip_empty)?;
                 report.pipeline = prepared.key.to_string();
+                if object.shows_nothing() {
+                    let (low, high) = object.data_range();
+                    let nodes = &object.transfer_function.nodes;
+                    report.warnings.push(format!(
+                        "the picture is empty: the transfer function shows nothing of data from {low:.6} to {high:.6} (its \
+                         nodes go from {:.6} to {:.6})",
+                        nodes[0].value,
+                        nodes[nodes.len() - 1].value
+                    ));
+                }
                 Some(prepared)
             }
         };

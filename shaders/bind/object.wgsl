@@ -6,23 +6,32 @@ struct Object {
     // d₀, mm.
     reference_length: f32,
     index_from_world_y: vec3f,
-    // Texel value of the transfer function's first entry, and entries per texel unit.
+    // Texel value at coordinate 0 of the transfer function's table, and coordinate (0 … 1) per texel unit.
     transfer_first: f32,
     index_from_world_z: vec3f,
     transfer_scale: f32,
     // Columns take a texel gradient per voxel of the gradient texture to ĝ = g/G in the world.
     world_from_gradient_x: vec3f,
-    pad0: f32,
+    // κ, w̄ of a whole piece, and node coordinate of the materials that go on below and above the table.
+    extinction_below: f32,
     world_from_gradient_y: vec3f,
-    pad1: f32,
+    extinction_above: f32,
     world_from_gradient_z: vec3f,
-    pad2: f32,
+    // Node coordinate of the last node.
+    last_node: f32,
     // Largest index-space coordinate of the box: number of voxels − ½.
     box_max: vec3f,
-    pad3: f32,
+    middle_below: f32,
     // 1 / number of voxels.
     texel_scale: vec3f,
-    pad4: f32,
+    middle_above: f32,
+    // World normals of the box's faces across x, y and z.
+    face_x: vec3f,
+    node_below: f32,
+    face_y: vec3f,
+    node_above: f32,
+    face_z: vec3f,
+    pad2: f32,
 }
 
 @group(1) @binding(0) var<uniform> object: Object;

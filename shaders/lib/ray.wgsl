@@ -54,6 +54,11 @@ fn piece_middle(k: u32, steps: f32) -> f32 {
     return 0.5 * (f32(k) + min(f32(k + 1u), steps));
 }
 
+// End of the k-th piece counted from 1, in steps: 0 is the beginning of the span.
+fn piece_end(k: u32, steps: f32) -> f32 {
+    return min(f32(k), steps);
+}
+
 // Length of piece k, in steps.
 fn piece_length(k: u32, steps: f32) -> f32 {
     return min(f32(k + 1u), steps) - f32(k);

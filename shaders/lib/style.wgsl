@@ -5,8 +5,8 @@
 // Below this share of G a gradient is rounding noise of the 16-bit copy: no surface. From the next one on it is one.
 const NO_SURFACE: f32 = 2e-4;
 const SURFACE: f32 = 2e-3;
-// Below this share of G the normal is mostly noise: the style is read up to NOISE_LEVELS mips blurrier.
-const NOISY_SURFACE: f32 = 0.02;
+// Below this share of G the normal is partly noise: the style is read up to NOISE_LEVELS mips blurrier.
+const SHARP_SURFACE: f32 = 0.02;
 const NOISE_LEVELS: f32 = 3.0;
 
 struct Axes {
@@ -27,20 +27,24 @@ fn style_level(depth: f32) -> f32 {
     return log2(max(1.0, frame.footprint + depth * frame.footprint_growth));
 }
 
-// Premultiplied color and α_d of a node coordinate at a sample with gradient ĝ.
-fn shade(node: f32, g: vec3f, ray: vec3f, axes: Axes, level: f32) -> vec4f {
-    let magnitude = length(g);
+// Premultiplied color and α_d of a node coordinate at a sample with gradient ĝ. `face`: normal of the box's face and
+// its weight.
+fn shade(node: f32, g: vec3f, face: vec4f, ray: vec3f, axes: Axes, level: f32) -> vec4f {
+    let magnitude = max(length(g), face.w * SHARP_SURFACE);
     // Outward: towards lower values. Towards the eye: the whole vector, not only its depth.
-    let outward = -g / max(magnitude, 1e-30);
+    let blend = mix(-g / max(length(g), 1e-30), face.xyz, face.w);
+    let outward = blend / max(length(blend), 1e-30);
     let n = select(outward, -outward, dot(outward, ray) > 0.0);
     // In between the normal moves out from the style's center: a threshold would show the noise as specks.
     let presence = smoothstep(NO_SURFACE, SURFACE, magnitude);
     let uv = style_uv(presence * vec2f(dot(n, axes.right), dot(n, axes.up)));
-    let blurred = level + NOISE_LEVELS * (1.0 - smoothstep(0.0, NOISY_SURFACE, magnitude));
-    let first = floor(node);
+    let blurred = level + NOISE_LEVELS * (1.0 - smoothstep(0.0, SHARP_SURFACE, magnitude));
+    // Rounding must not reach past the outermost nodes.
+    let within = clamp(node, 0.0, object.last_node);
+    let first = floor(within);
     let a = textureSampleLevel(styles, style_sampler, uv, node_layer(i32(first)), blurred);
-    let b = textureSampleLevel(styles, style_sampler, uv, node_layer(i32(ceil(node))), blurred);
-    return mix(a, b, node - first);
+    let b = textureSampleLevel(styles, style_sampler, uv, node_layer(i32(ceil(within))), blurred);
+    return mix(a, b, within - first);
 }
 
 // |n_xy| = 1 lands on the outermost texel centers of the disc.

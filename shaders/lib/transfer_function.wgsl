@@ -1,15 +1,40 @@
-// 1-D style transfer function, tabulated: opacity and node coordinate (i + w: w of the way from node i to i+1).
+// 1-D style transfer function, pre-integrated (docs/rendering.md §5): what a piece of a ray shows, from the values at
+// its front and its back.
+#import bind/object
+#import {table}
 
-struct Classified {
-    opacity: f32,
+// Sums over the piece: κ̄, κ̄·ū and κ̄·w̄. ū: node coordinate (i + w: w of the way from node i to i + 1); w̄: where in the
+// piece it is seen, 0 = front.
+struct Piece {
+    extinction: f32,
     node: f32,
+    middle: f32,
 }
 
-fn classify(table: texture_2d<f32>, value: f32, first: f32, scale: f32) -> Classified {
-    let last = i32(textureDimensions(table).x) - 1;
-    let x = clamp((value - first) * scale, 0.0, f32(last));
-    let i = i32(x);
-    let entry = mix(textureLoad(table, vec2i(i, 0), 0).xy, textureLoad(table, vec2i(min(i + 1, last), 0), 0).xy,
-        x - f32(i));
-    return Classified(entry.x, entry.y);
+// `front` and `back` are texel values. Between them the value is taken to change linearly. The part of that way which
+// lies in the table's domain is looked up; before and behind it the outermost materials go on.
+fn classify_piece(front: f32, back: f32) -> Piece {
+    let a = (front - object.transfer_first) * object.transfer_scale;
+    let b = (back - object.transfer_first) * object.transfer_scale;
+    let way = b - a;
+    let constant = abs(way) < 1e-9;
+    let to_ends = vec2f(-a, 1.0 - a) / select(way, 1.0, constant);
+    let outside = a < 0.0 || a > 1.0;
+    let enter = select(clamp(min(to_ends.x, to_ends.y), 0.0, 1.0), f32(outside), constant);
+    let leave = select(clamp(max(to_ends.x, to_ends.y), 0.0, 1.0), 1.0, constant);
+    let inside = leave - enter;
+    let found = look_up(clamp(vec2f(a + enter * way, a + leave * way), vec2f(0.0), vec2f(1.0)));
+    // (κ, κ·u, w̄) of what goes on before and behind.
+    let below = vec3f(object.extinction_below, object.extinction_below * object.node_below, object.middle_below);
+    let above = vec3f(object.extinction_above, object.extinction_above * object.node_above, object.middle_above);
+    let before = select(below, above, a > 0.5);
+    let behind = select(below, above, b > 0.5);
+    let rest = 1.0 - leave;
+    return Piece(
+        enter * before.x + inside * found.x + rest * behind.x,
+        enter * before.y + inside * found.y + rest * behind.y,
+        enter * before.x * enter * before.z
+            + inside * (found.x * enter + found.z * inside)
+            + rest * behind.x * (leave + rest * behind.z),
+    );
 }

@@ -132,6 +132,19 @@ fn faults_are_one_sentence_and_leave_nothing() {
         (vec!["inspect", "block.raw"], 1, "--raw"),
         (vec!["inspect", "block.raw", "--raw", "9x9x9xuint8"], 1, "512"),
         (vec!["inspect", "block.raw", "--raw", "nonsense"], 2, "nonsense"),
+        (vec!["measure", "nowhere.json"], 1, "nowhere.json"),
+        (vec!["measure", "figure.json", "--plot", "a.pdf"], 2, ".svg or .png"),
+        (vec!["measure", "figure.json", "--plot", "no/such/a.svg"], 1, "create it first"),
+        (vec!["measure", "figure.json", "--json", "no/such/a.json"], 1, "create it first"),
+        (vec!["measure", "figure.json", "--json", "."], 1, "not name a file"),
+        (vec!["measure", "figure.json", "--size", "16"], 2, "1024x768"),
+        (vec!["measure", "figure.json", "--frames", "0"], 2, "--frames"),
+        (vec!["measure", "figure.json", "--adapter", "Voodoo"], 1, "choose one of"),
+        (vec!["measure", "figure.json", "--raw", "8x8x8xuint8"], 2, "no --volume before it"),
+        (vec!["bench", "figure.json", "--json", "no/such/a.json"], 1, "create it first"),
+        (vec!["bench", "figure.json", "--orbit", "nan"], 2, "degrees"),
+        (vec!["bench", "figure.json", "--quality", "best"], 2, "standard"),
+        (vec!["bench", "figure.json", "--size", "70000x1"], 1, "65535"),
         (vec!["fly"], 2, "fly"),
         (vec![], 2, "Usage"),
     ] {
@@ -174,12 +187,20 @@ fn inspect_schema_and_adapters_speak_json() {
 fn help_names_every_option() {
     let place = Place::new();
     for (command, words) in [
-        (vec!["--help"], vec!["render", "inspect", "adapters", "styles", "schema"]),
+        (vec!["--help"], vec!["render", "measure", "bench", "inspect", "adapters", "styles", "schema"]),
         (
             vec!["render", "--help"],
             vec!["--volume", "--raw", "--frame", "--size", "--dpi", "--background", "--quality", "--adapter", "--out"],
         ),
         (vec!["inspect", "--help"], vec!["--json", "--raw"]),
+        (
+            vec!["measure", "--help"],
+            vec!["--volume", "--raw", "--frame", "--size", "--frames", "--adapter", "--json", "--plot"],
+        ),
+        (
+            vec!["bench", "--help"],
+            vec!["--volume", "--frames", "--orbit", "--size", "--quality", "--adapter", "--json", "median_ms"],
+        ),
     ] {
         let output = place.run(&command);
         assert!(output.status.success());
@@ -188,4 +209,96 @@ fn help_names_every_option() {
             assert!(text.contains(word), "{command:?} does not mention {word}");
         }
     }
+}
+
+fn json_file(path: &Path) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn measure_says_what_accuracy_costs() {
+    let place = Place::new();
+    let common = ["measure", "figure.json", "--size", "16x12", "--frames", "2", "--adapter", "software"];
+    let run = |more: &[&str]| {
+        let output = place.run(&[&common[..], more].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let table = run(&["--json", "m.json", "--plot", "m.svg"]);
+    for word in ["ms/frame", "per ray", "p99.9", "draft", "standard", "final", "1/8192", "did not settle", "\n* "] {
+        assert!(table.contains(word), "no {word} in\n{table}");
+    }
+    let report = json_file(&place.path("m.json"));
+    assert_eq!((&report["size"], &report["dims"]), (&serde_json::json!([16, 12]), &serde_json::json!([8, 8, 8])));
+    assert_eq!((report["frames"].as_u64(), report["reference"]["num_pixels"].as_u64()), (Some(2), Some(192)));
+    assert_eq!(report["adapter"]["kind"], "software");
+    let settings = report["settings"].as_array().unwrap();
+    assert!(settings.len() >= 27);
+    let names: Vec<&str> = settings.iter().filter_map(|s| s["quality"].as_str()).collect();
+    assert_eq!(names, ["draft", "standard", "final"]);
+    assert!(settings.iter().any(|s| s["pareto"] == true));
+    for s in settings {
+        assert!(s["ms"].as_f64().unwrap() > 0.0 && s["samples_per_ray"].as_f64().unwrap() > 0.0, "{s}");
+        for measure in ["codes", "linear"] {
+            let [rmse, p999, max] = ["rmse", "p999", "max"].map(|k| s[measure][k].as_f64().unwrap());
+            assert!(rmse <= max && p999 <= max, "{s}");
+        }
+    }
+    // Smaller steps, more samples.
+    let samples = |i: usize| settings[i]["samples_per_ray"].as_f64().unwrap();
+    assert!(samples(settings.len() - 1) > 8.0 * samples(0));
+    let svg = std::fs::read_to_string(place.path("m.svg")).unwrap();
+    assert!(svg.starts_with("<svg") && svg.contains("time per frame (ms)") && !svg.contains("NaN"));
+    assert!(svg.contains(report["adapter"]["name"].as_str().unwrap()));
+    run(&["--plot", "m.png"]);
+    let (width, height, color_type, _) = png_facts(&place.path("m.png"));
+    assert_eq!((width, height, color_type), (1800, 1200, 2));
+}
+
+#[test]
+fn bench_times_a_turning_camera() {
+    let place = Place::new();
+    let common =
+        ["bench", "figure.json", "--size", "16x16", "--frames", "3", "--adapter", "software", "--json", "b.json"];
+    let run = |more: &[&str]| {
+        let output = place.run(&[&common[..], more].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let words = String::from_utf8(output.stdout).unwrap();
+        assert!(words.contains("first frame") && words.contains("median") && words.contains("per ray"), "{words}");
+        json_file(&place.path("b.json"))
+    };
+    let report = run(&["--orbit", "-10"]);
+    // Other programs are compared through these fields: none may go, none may change its name.
+    let fields: Vec<&String> = report.as_object().unwrap().keys().collect();
+    assert_eq!(
+        fields,
+        [
+            "fabrica",
+            "template",
+            "title",
+            "dims",
+            "size",
+            "frames",
+            "orbit_deg",
+            "quality",
+            "adapter",
+            "samples_per_ray",
+            "first_ms",
+            "median_ms",
+            "min_ms",
+            "max_ms",
+            "frame_ms",
+            "peak_memory_mb",
+        ]
+    );
+    assert_eq!(report["quality"]["name"], "standard");
+    assert_eq!((report["frames"].as_u64(), report["orbit_deg"].as_f64()), (Some(3), Some(-10.0)));
+    let times: Vec<f64> = report["frame_ms"].as_array().unwrap().iter().map(|t| t.as_f64().unwrap()).collect();
+    let [median, min, max] = ["median_ms", "min_ms", "max_ms"].map(|k| report[k].as_f64().unwrap());
+    assert!(times.len() == 3 && times.contains(&median) && min <= median && median <= max, "{report}");
+    assert!(report["first_ms"].as_f64().unwrap() > 0.0);
+    let finer = run(&["--quality", "final"]);
+    assert_eq!(finer["quality"]["name"], "final");
+    let ratio = finer["samples_per_ray"].as_f64().unwrap() / report["samples_per_ray"].as_f64().unwrap();
+    assert!((1.5..2.5).contains(&ratio), "{ratio}");
 }

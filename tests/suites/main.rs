@@ -2,7 +2,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod extremes;
 mod orientation;
+mod pipelines;
 mod raycast;
 mod readers;
 mod reference;

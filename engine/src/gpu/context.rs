@@ -176,7 +176,11 @@ impl GpuContext {
             return Err(Error::gpu(NO_ADAPTER.0, NO_ADAPTER.1));
         }
         Err(Error::gpu(
-            format!("no graphics adapter fits \"{choice:?}\""),
+            match choice {
+                AdapterChoice::Named(name) => format!("no graphics adapter is called \"{name}\""),
+                AdapterChoice::Software => "there is no software adapter".to_owned(),
+                _ => "there is no hardware adapter".to_owned(),
+            },
             format!("choose one of: {}", seen.join(", ")),
         ))
     }

@@ -18,6 +18,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "bind/object",
     "bind/validity",
     "lib/composite",
+    "lib/face",
     "lib/fullscreen",
     "lib/gradient",
     "lib/opacity",
@@ -26,6 +27,8 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/sample_loads",
     "lib/skip",
     "lib/style",
+    "lib/table_filtered",
+    "lib/table_loads",
     "lib/transfer_function",
     "lib/validity_all",
     "raycast",
@@ -36,6 +39,8 @@ pub const MODULES: &[(&str, &str)] = modules![
 pub struct RaycastKey {
     /// The adapter filters the volume's format; otherwise eight loads do.
     pub filtered: bool,
+    /// The adapter filters f32, in which the transfer function's table is kept; otherwise four loads do.
+    pub table_filtered: bool,
     /// The volume has voxels that are no number.
     pub no_data: bool,
 }
@@ -43,6 +48,7 @@ pub struct RaycastKey {
 impl std::fmt::Display for RaycastKey {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(if self.filtered { "raycast filtered" } else { "raycast loads" })?;
+        f.write_str(if self.table_filtered { "" } else { " table_loads" })?;
         if self.no_data { f.write_str(" no_data") } else { Ok(()) }
     }
 }
@@ -50,7 +56,7 @@ impl std::fmt::Display for RaycastKey {
 impl RaycastKey {
     /// Every key there is.
     pub fn all() -> impl Iterator<Item = Self> {
-        [true, false].into_iter().flat_map(|filtered| [false, true].map(|no_data| Self { filtered, no_data }))
+        (0..8).map(|bits| Self { filtered: bits & 1 == 0, table_filtered: bits & 2 == 0, no_data: bits & 4 != 0 })
     }
 
     /// The WGSL text for this key.
@@ -60,6 +66,7 @@ impl RaycastKey {
     pub fn wgsl(self) -> Result<String, String> {
         assemble("raycast", &|choice| match choice {
             "sampling" => Some(if self.filtered { "lib/sample_filtered" } else { "lib/sample_loads" }),
+            "table" => Some(if self.table_filtered { "lib/table_filtered" } else { "lib/table_loads" }),
             "no_data" => Some(if self.no_data { "bind/validity" } else { "lib/validity_all" }),
             _ => None,
         })

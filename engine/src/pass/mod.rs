@@ -1,3 +1,4 @@
 //! Passes: what is drawn in a frame, each with its per-frame data.
 
 pub mod raycast;
+pub mod transfer_table;

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use wgpu::util::DeviceExt as _;
 
+use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::error::{Error, Result};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::shader_library::RaycastKey;
@@ -15,9 +16,7 @@ use crate::scene::{Camera, Object, Projection, Quality, Scene, StyleTransferFunc
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
 use crate::volume::Rescale;
-
-/// Entries of the tabulated transfer function.
-pub const TABLE_SIZE: usize = 4096;
+use crate::volume::bricks::MAX_SKIP_STEP;
 
 /// A `repr(C)` block that a shader reads, with the names and offsets of its fields for the test that compares them.
 macro_rules! uniform {
@@ -68,15 +67,21 @@ pub struct ObjectUniform {
     index_from_world_z: [f32; 3],
     transfer_scale: f32,
     world_from_gradient_x: [f32; 3],
-    pad0: f32,
+    extinction_below: f32,
     world_from_gradient_y: [f32; 3],
-    pad1: f32,
+    extinction_above: f32,
     world_from_gradient_z: [f32; 3],
-    pad2: f32,
+    last_node: f32,
     box_max: [f32; 3],
-    pad3: f32,
+    middle_below: f32,
     texel_scale: [f32; 3],
-    pad4: f32,
+    middle_above: f32,
+    face_x: [f32; 3],
+    node_below: f32,
+    face_y: [f32; 3],
+    node_above: f32,
+    face_z: [f32; 3],
+    pad2: f32,
 }
 }
 
@@ -127,59 +132,6 @@ impl FrameUniform {
     }
 }
 
-/// A transfer function as the GPU reads it: a table over texel values.
-#[derive(Debug)]
-pub struct TransferTable {
-    /// (α_u, node coordinate) per entry.
-    pub entries: Vec<[f32; 2]>,
-    /// Texel value of entry 0.
-    pub first: f64,
-    /// Entries per texel unit (negative where a negative rescale slope turns the order around).
-    pub scale: f64,
-    /// Number of entries before each one (and in all) that show something.
-    visible_before: Vec<u32>,
-}
-
-impl TransferTable {
-    /// Tabulates over the nodes' values and one entry beyond on both sides, so that jumps at the outermost nodes
-    /// keep both of their sides.
-    pub fn new(function: &StyleTransferFunction, rescale: Rescale, encoding: Encoding, span: f64) -> Self {
-        let (low, high) = (function.nodes[0].value, function.nodes[function.nodes.len() - 1].value);
-        let inner = TABLE_SIZE - 3;
-        // Nodes at one single value are a step: its two sides are a ten-thousandth of the data's range apart.
-        let cell = if high > low { (high - low) / inner as f64 } else { (1e-4 * span / inner as f64).max(1e-300) };
-        let start = if high > low { low - cell } else { low - cell * (TABLE_SIZE / 2) as f64 };
-        let entries: Vec<[f32; 2]> = (0..TABLE_SIZE)
-            .map(|i| {
-                let c =
-                    function.classify(if i + 2 == TABLE_SIZE && high > low { high } else { start + i as f64 * cell });
-                [c.opacity as f32, c.node as f32]
-            })
-            .collect();
-        let mut visible_before = Vec::with_capacity(TABLE_SIZE + 1);
-        let mut count = 0;
-        visible_before.push(0);
-        for entry in &entries {
-            count += u32::from(entry[0] > 0.0);
-            visible_before.push(count);
-        }
-        let texel = |value: f64| encoding.texel((value - rescale.intercept) / rescale.slope);
-        let texels_per_value = encoding.scale / rescale.slope;
-        Self { entries, first: texel(start), scale: 1.0 / (cell * texels_per_value), visible_before }
-    }
-
-    /// Whether any texel value in `low..=high` may show something, rounding of the GPU's look-up included.
-    pub fn shows(&self, low: f64, high: f64) -> bool {
-        let position = |texel: f64| (texel - self.first) * self.scale;
-        let (a, b) = (position(low), position(high));
-        let last = (TABLE_SIZE - 1) as f64;
-        // One entry of slack on both sides for f32 rounding of texel and position.
-        let from = (a.min(b) - 1.0).floor().clamp(0.0, last) as usize;
-        let to = (a.max(b) + 1.0).ceil().clamp(0.0, last) as usize;
-        self.visible_before[to + 1] > self.visible_before[from]
-    }
-}
-
 /// An object ready to be drawn.
 #[derive(Debug)]
 pub struct RaycastObject {
@@ -203,8 +155,12 @@ pub struct RaycastPass {
     frame_group: wgpu::BindGroup,
     pipelines: HashMap<RaycastKey, Pipeline>,
     styles: Option<(Vec<Arc<StyleImage>>, wgpu::TextureView)>,
+    table: Option<(TableKey, Arc<TransferTable>, wgpu::TextureView)>,
     patch: Option<ShaderPatch>,
 }
+
+/// What a transfer table depends on: function, rescale, encoding, range of the data, length of a piece.
+type TableKey = (StyleTransferFunction, Rescale, Encoding, (f64, f64), f64);
 
 /// Changes the WGSL text of a pipeline before it is compiled: how tests plant a defect.
 pub type ShaderPatch = fn(String) -> String;
@@ -228,7 +184,7 @@ impl RaycastPass {
             layout: &frame_layout,
             entries: &[wgpu::BindGroupEntry { binding: 0, resource: frame_buffer.as_entire_binding() }],
         });
-        Self { frame_layout, frame_buffer, frame_group, pipelines: HashMap::new(), styles: None, patch }
+        Self { frame_layout, frame_buffer, frame_group, pipelines: HashMap::new(), styles: None, table: None, patch }
     }
 
     /// Binds an object of the scene: its volume, table, skip map and styles. `skip_empty` = false leaves the skip
@@ -244,14 +200,17 @@ impl RaycastPass {
         resident: &ResidentVolume,
         skip_empty: bool,
     ) -> Result<RaycastObject> {
-        let key = RaycastKey { filtered: resident.filtered, no_data: resident.validity.is_some() };
+        let key = RaycastKey {
+            filtered: resident.filtered,
+            table_filtered: context.formats.r32_filterable,
+            no_data: resident.validity.is_some(),
+        };
         let device = &context.device;
         let volume = &object.volume;
         let grid = volume.grid;
-        let stored = volume.bricks().range();
-        let span = ((stored.1 - stored.0) * volume.rescale.slope).abs();
-        let table = TransferTable::new(&object.transfer_function, volume.rescale, resident.encoding, span);
-        let distances = if skip_empty {
+        let lengths = usual_length(scene, object);
+        let (table, transfer_function) = self.transfer_table(context, object, resident, lengths);
+        let distances = if skip_empty && scene.quality.step_voxels <= MAX_SKIP_STEP {
             let texel = |stored| resident.encoding.texel(stored);
             volume.bricks().distances(|low, high| table.shows(texel(low), texel(high)))
         } else {
@@ -271,15 +230,6 @@ impl RaycastPass {
             wgpu::TextureDimension::D3,
             wgpu::TextureFormat::R8Uint,
             &distances,
-        );
-        let table_extent = extent([TABLE_SIZE, 1, 1]);
-        let transfer_function = small_texture(
-            context,
-            "transfer function",
-            table_extent,
-            wgpu::TextureDimension::D2,
-            wgpu::TextureFormat::Rg32Float,
-            bytemuck::cast_slice(&table.entries),
         );
         let layers: Vec<u32> = object.transfer_function.nodes.iter().map(|n| n.style as u32).collect();
         let node_layers = small_texture(
@@ -371,6 +321,35 @@ impl RaycastPass {
         Ok(&self.pipelines[&key])
     }
 
+    /// The object's table and its texture: made anew only when what they depend on changes, so that a turning camera
+    /// pays nothing for them.
+    fn transfer_table(
+        &mut self,
+        context: &GpuContext,
+        object: &Object,
+        resident: &ResidentVolume,
+        lengths: f64,
+    ) -> (Arc<TransferTable>, wgpu::TextureView) {
+        let (rescale, data) = (object.volume.rescale, object.data_range());
+        let key = (object.transfer_function.clone(), rescale, resident.encoding, data, lengths);
+        if let Some((held, table, view)) = &self.table
+            && *held == key
+        {
+            return (table.clone(), view.clone());
+        }
+        let table = Arc::new(TransferTable::new(&key.0, rescale, resident.encoding, data, lengths));
+        let view = small_texture(
+            context,
+            "transfer function",
+            extent([TABLE_SIZE, TABLE_SIZE, 1]),
+            wgpu::TextureDimension::D2,
+            wgpu::TextureFormat::Rgba32Float,
+            bytemuck::cast_slice(&table.entries),
+        );
+        self.table = Some((key, table.clone(), view.clone()));
+        (table, view)
+    }
+
     fn style_array(&mut self, context: &GpuContext, styles: &[Arc<StyleImage>]) -> Result<wgpu::TextureView> {
         if let Some((held, view)) = &self.styles
             && held.len() == styles.len()
@@ -384,13 +363,22 @@ impl RaycastPass {
     }
 }
 
+/// Length, in reference lengths, of a whole piece along the view's axis: exact for cubic voxels and parallel rays, near
+/// for others. In steps of 1 %, so that turning around cubic voxels asks for one table only.
+fn usual_length(scene: &Scene, object: &Object) -> f64 {
+    let voxels_per_mm = object.volume.grid.index_from_world().transform_vector3(scene.camera.forward).length();
+    let length = scene.quality.step_voxels / voxels_per_mm / object.transfer_function.reference_length_mm;
+    ((length.log2() * 64.0).round() / 64.0).exp2()
+}
+
 fn object_uniform(object: &Object, resident: &ResidentVolume, table: &TransferTable) -> ObjectUniform {
     let grid = &object.volume.grid;
     let column = |v: DVec3| v.as_vec3().to_array();
     let to_index = grid.index_from_world().matrix3;
     // Central difference over two voxels → texels per voxel → data units per voxel → per mm → share of G.
     let per_texel = 0.5 * object.volume.rescale.slope / (resident.gradient_encoding.scale * resident.gradient_max);
-    let gradient = grid.world_gradient_from_index() * per_texel;
+    let faces = grid.world_gradient_from_index();
+    let gradient = faces * per_texel;
     let dims = DVec3::from_array(grid.dims().map(|n| n as f64));
     ObjectUniform {
         index_from_world_x: column(to_index.x_axis),
@@ -400,15 +388,21 @@ fn object_uniform(object: &Object, resident: &ResidentVolume, table: &TransferTa
         index_from_world_z: column(to_index.z_axis),
         transfer_scale: table.scale as f32,
         world_from_gradient_x: column(gradient.x_axis),
-        pad0: 0.0,
+        extinction_below: table.outer_extinction[0] as f32,
         world_from_gradient_y: column(gradient.y_axis),
-        pad1: 0.0,
+        extinction_above: table.outer_extinction[1] as f32,
         world_from_gradient_z: column(gradient.z_axis),
-        pad2: 0.0,
+        last_node: (object.transfer_function.nodes.len() - 1) as f32,
         box_max: column(dims - 0.5),
-        pad3: 0.0,
+        middle_below: table.outer_middle[0] as f32,
         texel_scale: column(dims.recip()),
-        pad4: 0.0,
+        middle_above: table.outer_middle[1] as f32,
+        face_x: column(faces.x_axis.normalize()),
+        node_below: table.outer_node[0] as f32,
+        face_y: column(faces.y_axis.normalize()),
+        node_above: table.outer_node[1] as f32,
+        face_z: column(faces.z_axis.normalize()),
+        pad2: 0.0,
     }
 }
 
@@ -435,14 +429,14 @@ fn make_pipeline(
         } else {
             wgpu::SamplerBindingType::NonFiltering
         });
-        let unfiltered = wgpu::TextureSampleType::Float { filterable: false };
+        let table = wgpu::TextureSampleType::Float { filterable: key.table_filtered };
         let mut entries = vec![
             entry(0, uniform_binding()),
             entry(1, volume),
             entry(2, volume),
             entry(3, volume_sampler),
             entry(4, texture_binding(wgpu::TextureSampleType::Uint, VIEW_3D)),
-            entry(5, texture_binding(unfiltered, wgpu::TextureViewDimension::D2)),
+            entry(5, texture_binding(table, wgpu::TextureViewDimension::D2)),
             entry(6, texture_binding(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)),
             entry(
                 7,

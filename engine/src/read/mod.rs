@@ -102,6 +102,13 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
             "decompress it first, or compress it with gzip",
         ));
     }
+    if let Some(format) = not_read_yet(path, &head) {
+        return Err(Error::file(
+            path,
+            format!("this is a {format} file, which Fabrica does not read yet"),
+            "convert it to NIfTI or NRRD (dcm2niix, 3D Slicer and ITK-SNAP can)",
+        ));
+    }
     READERS.iter().copied().find(|r| r.extensions().iter().any(|e| has_extension(path, e))).ok_or_else(|| {
         let formats: Vec<_> =
             READERS.iter().map(|r| format!("{} (.{})", r.name(), r.extensions().join(", ."))).collect();
@@ -111,6 +118,20 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
             format!("convert it, or describe plain voxels with {}", raw::EXAMPLE),
         )
     })
+}
+
+/// A format of the field that has no reader yet.
+fn not_read_yet(path: &Path, head: &[u8]) -> Option<&'static str> {
+    let named = |extensions: &[&str]| extensions.iter().any(|e| has_extension(path, e));
+    if head.get(128..132) == Some(b"DICM") || named(&["dcm", "dicom", "ima"]) {
+        Some("DICOM")
+    } else if head.starts_with(b"ObjectType") || head.starts_with(b"NDims") || named(&["mha", "mhd"]) {
+        Some("MetaImage")
+    } else if head.starts_with(b"II*\0") || head.starts_with(b"MM\0*") || named(&["tif", "tiff"]) {
+        Some("TIFF")
+    } else {
+        None
+    }
 }
 
 /// The program behind a compressed file that is not gzip, from its first bytes.

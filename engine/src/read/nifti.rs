@@ -82,9 +82,7 @@ impl VolumeReader for NiftiReader {
             is_size_checked: !source.is_gzip(),
         };
         let voxels = stream::read_voxels(&mut source, request, &data_path, progress)?;
-        if options.frame as u64 + 1 == shape.num_frames {
-            source.finish(&mut warnings)?;
-        }
+        source.finish(progress)?;
         Parts {
             path,
             grid,

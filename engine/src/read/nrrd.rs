@@ -77,9 +77,7 @@ impl VolumeReader for NrrdReader {
                 stream::read_voxels(&mut picked, request, &data_path, progress)?
             }
         };
-        if encoding == Encoding::Gzip && options.frame + 1 == num_frames && is_contiguous {
-            source.finish(&mut warnings)?;
-        }
+        source.finish(progress)?;
         let format = if data_path == path { "NRRD" } else { "NRRD, detached header" };
         Parts { path, grid, voxels, rescale: Rescale::IDENTITY, format, num_frames, warnings }.into_volume()
     }

@@ -160,9 +160,9 @@ impl VolumeReader for RawReader {
             is_size_checked: !source.is_gzip(),
         };
         let voxels = stream::read_voxels(&mut source, request, path, progress)?;
-        let mut warnings = Vec::new();
-        source.finish(&mut warnings)?;
-        Parts { path, grid, voxels, rescale: Rescale::IDENTITY, format: "raw", num_frames: 1, warnings }.into_volume()
+        source.finish(progress)?;
+        Parts { path, grid, voxels, rescale: Rescale::IDENTITY, format: "raw", num_frames: 1, warnings: Vec::new() }
+            .into_volume()
     }
 }
 

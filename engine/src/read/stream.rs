@@ -189,22 +189,28 @@ impl ByteSource {
         Ok(bytes)
     }
 
-    /// After the last voxel of a file: has the decompressor check the gzip checksum. What follows the voxels
-    /// is ignored.
+    /// After the last voxel that is wanted: inflates the rest of a gzip file, because its checksum stands at the end and
+    /// a few wrong bytes are voxels like others.
     ///
     /// # Errors
-    /// If the checksum says that the data are damaged.
-    pub fn finish(&mut self, warnings: &mut Vec<String>) -> Result<()> {
+    /// If the checksum says that the data are damaged, or is missing.
+    pub fn finish(&mut self, progress: &Progress) -> Result<()> {
         if !self.is_gzip() {
             return Ok(());
         }
-        match self.read(&mut [0; 4096]) {
-            Ok(_) => Ok(()),
-            Err(e) if e.kind() == ErrorKind::UnexpectedEof => {
-                warnings.push("The file ends before its checksum: all voxels are there, but unverified.".to_owned());
-                Ok(())
+        let mut rest = vec![0; 1 << 16];
+        loop {
+            progress.check()?;
+            match self.read(&mut rest) {
+                Ok(0) => return Ok(()),
+                Ok(_) => {}
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                Err(e) if e.kind() == ErrorKind::UnexpectedEof => {
+                    let what = "the file ends before its checksum, so nobody knows whether the data are whole";
+                    return Err(Error::file(&self.path, what, "copy or download it again"));
+                }
+                Err(e) => return Err(decode_error(&self.path, &e)),
             }
-            Err(e) => Err(decode_error(&self.path, &e)),
         }
     }
 }
@@ -676,7 +682,7 @@ mod tests {
             let bytes = [&gzip(&[1, 2]), &gzip(&[]), &gzip(&[3, 4, 5]), padding].concat();
             let mut source = ByteSource::open(&folder.write("a.gz", &bytes)).unwrap();
             assert_eq!(source.read_up_to(10).unwrap(), [1, 2, 3, 4, 5]);
-            source.finish(&mut Vec::new()).unwrap();
+            source.finish(&Progress::new()).unwrap();
         }
     }
 
@@ -687,11 +693,10 @@ mod tests {
         let finish = |bytes: &[u8]| {
             let mut source = ByteSource::open(&folder.write("a.gz", bytes)).unwrap();
             assert_eq!(source.read_up_to(4).unwrap(), [1, 2, 3, 4]);
-            let mut warnings = Vec::new();
-            source.finish(&mut warnings).map(|()| warnings.len()).map_err(|e| e.to_string())
+            source.finish(&Progress::new()).map_err(|e| e.to_string())
         };
-        assert_eq!(finish(&good), Ok(0));
-        assert_eq!(finish(&good[..good.len() - 1]), Ok(1));
+        assert_eq!(finish(&good), Ok(()));
+        assert!(finish(&good[..good.len() - 1]).unwrap_err().contains("before its checksum"));
         let mut bad = good.clone();
         bad[good.len() - 8] ^= 1;
         assert!(finish(&bad).unwrap_err().contains("the compressed data are damaged"));

@@ -9,11 +9,12 @@
 //! [`walk::composite`].
 
 pub mod opacity;
+pub mod piece;
 pub mod ray;
 pub mod sample;
 pub mod style;
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 pub mod walk;
 
 use rayon::prelude::*;
@@ -28,7 +29,7 @@ use crate::volume::no_data::fill_no_data;
 use crate::with_voxels;
 use ray::ray_from_pixel;
 use sample::{Lattice, gradient_max, gradient_volume};
-use walk::Prepared;
+use walk::{Classify, Prepared};
 
 /// Data values beyond this, of either sign, would overflow the squares of their gradients.
 const LARGEST_VALUE: f64 = 1e100;
@@ -82,7 +83,8 @@ impl<'a> Reference<'a> {
         assert!(step_voxels > 0.0, "a step of {step_voxels} voxels never ends");
         let Some(object) = &self.object else { return March::default() };
         let ray = ray_from_pixel(&self.scene.camera, image_size, x, y);
-        walk::march(object, &self.scene.camera, image_size[1], &ray, step_voxels, termination)
+        let settings = (step_voxels, termination);
+        walk::march(object, &self.scene.camera, image_size[1], &ray, settings, Classify::Middle)
     }
 
     /// The whole picture, row by row from the top, with the scene's quality: premultiplied linear RGBA without the
@@ -106,7 +108,29 @@ impl<'a> Reference<'a> {
         termination: f64,
         progress: &Progress,
     ) -> Result<Vec<[f64; 4]>> {
-        let [width, height] = image_size;
+        self.rows(image_size, step_voxels, progress, |x, y| {
+            self.pixel_with_step(image_size, x, y, step_voxels, termination)
+        })
+    }
+
+    /// The raycaster's twin: the whole picture with the scene's quality and pieces classified by their ends, as the GPU
+    /// does at the same step. Same result and errors as [`Reference::image`], which is the truth and not the twin.
+    pub fn twin(&self, image_size: [u32; 2], progress: &Progress) -> Result<Vec<[f64; 4]>> {
+        let settings = (self.scene.quality.step_voxels, self.scene.quality.termination);
+        self.rows(image_size, settings.0, progress, |x, y| {
+            let Some(object) = &self.object else { return [0.0; 4] };
+            let ray = ray_from_pixel(&self.scene.camera, image_size, x, y);
+            walk::march(object, &self.scene.camera, image_size[1], &ray, settings, Classify::Ends).rgba
+        })
+    }
+
+    fn rows(
+        &self,
+        [width, height]: [u32; 2],
+        step_voxels: f64,
+        progress: &Progress,
+        pixel: impl Fn(u32, u32) -> [f64; 4] + Sync,
+    ) -> Result<Vec<[f64; 4]>> {
         if width == 0 || height == 0 {
             return Err(Error::scene(
                 format!("a picture of {width} × {height} pixels has nothing in it"),
@@ -120,8 +144,8 @@ impl<'a> Reference<'a> {
         let mut pixels = vec![[0.0; 4]; width as usize * height as usize];
         pixels.par_chunks_mut(width as usize).zip(0..height).try_for_each(|(row, y)| {
             progress.check()?;
-            for (x, pixel) in (0..width).zip(row) {
-                *pixel = self.pixel_with_step(image_size, x, y, step_voxels, termination);
+            for (x, out) in (0..width).zip(row) {
+                *out = pixel(x, y);
             }
             progress.advance(1)
         })?;
@@ -361,7 +385,7 @@ mod tests {
             let object = start.prepared().unwrap();
             let mut ray = ray_from_pixel(&scene.camera, [999, 999], 499, 499);
             ray.t_min = 9.0 + 8.0;
-            let rgba = walk::march(object, &scene.camera, 999, &ray, 0.5, WHEN_OPAQUE).rgba;
+            let rgba = walk::march(object, &scene.camera, 999, &ray, (0.5, WHEN_OPAQUE), Classify::Middle).rgba;
             let n_x = -g_x / g_x.hypot(2.0);
             assert!((rgba[0] - (0.5 + 0.5 * n_x)).abs() < 1e-6 && (rgba[1] - 0.5).abs() < 1e-6, "{sigma}: {rgba:?}");
         }
@@ -394,7 +418,7 @@ mod tests {
                 let blur = 1.0 - (1.0 / object.gradient_max / 0.02).min(1.0);
                 // 1 − smoothstep(s) = smoothstep(1 − s).
                 let level = 3.0 * blur * blur * (3.0 - 2.0 * blur);
-                (walk::march(object, &scene.camera, rows, &ray, 0.5, WHEN_OPAQUE).rgba[0], level)
+                (walk::march(object, &scene.camera, rows, &ray, (0.5, WHEN_OPAQUE), Classify::Middle).rgba[0], level)
             };
             for projection in [
                 Projection::Orthographic { height_mm: 1.5 * 101.0 },
@@ -423,16 +447,19 @@ mod tests {
         let style =
             StyleImage::from_straight("spot", &Picture { width: STYLE_SIZE, height: STYLE_SIZE, pixels }).unwrap();
         let wide = Projection::Perspective { fov_y_deg: 60.0 };
-        let camera = Camera::looking(DVec3::new(40.0, -20.5, 1.0), DVec3::Y, DVec3::Z, wide).unwrap();
-        let data = volume([81, 3, 3], DAffine3::IDENTITY, |_| 1.0);
+        let camera = Camera::looking(DVec3::new(60.0, -20.5, 11.0), DVec3::Y, DVec3::Z, wide).unwrap();
+        let data = volume([121, 23, 23], DAffine3::IDENTITY, |_| 1.0);
         let scene = scene(data, vec![node(0.0, 0, 1.0)], vec![style.clone()], camera);
         let reference = Reference::new(&scene).unwrap();
         for x in [0, 8, 16, 32] {
-            let rgba = reference.pixel_with_step([33, 11], x, 5, 0.5, WHEN_OPAQUE);
             let h = 30f64.to_radians().tan();
             let across = h * (2.0 * (f64::from(x) + 0.5) - 33.0) / 11.0;
-            // A quarter of a voxel along the ray behind the face, which is 20 mm before the eye.
-            let depth = 20.0 + 0.25 / across.hypot(1.0);
+            // The one sample is a quarter of a voxel along the ray behind the depth of 26 mm, well inside.
+            let mut ray = ray_from_pixel(&scene.camera, [33, 11], x, 5);
+            ray.t_min = 26.0 * across.hypot(1.0);
+            let object = reference.prepared().unwrap();
+            let rgba = walk::march(object, &scene.camera, 11, &ray, (0.5, WHEN_OPAQUE), Classify::Middle).rgba;
+            let depth = 26.0 + 0.25 / across.hypot(1.0);
             let expected = style::sample_style(&style, [0.5, 0.5], 3.0 + (2.0 * h * depth / 11.0).log2());
             assert!((rgba[0] - expected[0]).abs() < 1e-9, "{x}: {rgba:?} {expected:?}");
         }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use crate::scene::{Camera, Projection, StyleTransferFunction};
+use crate::spaces::Grid;
 use crate::styles::StyleImage;
 
 /// Up to this ‖ĝ‖ there is no surface, and the style's center is shown.
@@ -26,6 +27,16 @@ pub struct Classification {
     pub styles: [usize; 2],
     /// Share of the second style, in [0, 1).
     pub weight: f64,
+    /// Node coordinate: i + w is w of the way from node i to node i + 1.
+    pub node: f64,
+}
+
+/// The styles at a node coordinate, with an opacity.
+pub fn at_node(function: &StyleTransferFunction, node: f64, opacity: f64) -> Classification {
+    let last = function.nodes.len() - 1;
+    let below = (node.max(0.0) as usize).min(last);
+    let styles = [function.nodes[below].style, function.nodes[(below + 1).min(last)].style];
+    Classification { opacity, styles, weight: node - below as f64, node }
 }
 
 /// Evaluates the transfer function at a data value.
@@ -36,15 +47,15 @@ pub fn classify(function: &StyleTransferFunction, value: f64) -> Classification 
     let nodes = &function.nodes;
     // The last node at or below the value: of a jump's two nodes the upper.
     let Some(below) = nodes.iter().rposition(|node| node.value <= value) else {
-        return Classification { opacity: nodes[0].opacity, styles: [nodes[0].style; 2], weight: 0.0 };
+        return Classification { opacity: nodes[0].opacity, styles: [nodes[0].style; 2], weight: 0.0, node: 0.0 };
     };
     let a = &nodes[below];
     match nodes.get(below + 1) {
-        None => Classification { opacity: a.opacity, styles: [a.style; 2], weight: 0.0 },
+        None => Classification { opacity: a.opacity, styles: [a.style; 2], weight: 0.0, node: below as f64 },
         Some(b) => {
             let weight = (value - a.value) / (b.value - a.value);
             let opacity = a.opacity + (b.opacity - a.opacity) * weight;
-            Classification { opacity, styles: [a.style, b.style], weight }
+            Classification { opacity, styles: [a.style, b.style], weight, node: below as f64 + weight }
         }
     }
 }
@@ -65,19 +76,46 @@ pub fn ray_frame(camera: &Camera, direction: DVec3) -> RayFrame {
     RayFrame { right: turned(camera.right), up: turned(camera.up) }
 }
 
-/// n_xy: the right and up components, in the ray's frame, of the unit normal that faces the viewer. (0, 0) where there
-/// is no surface, and shorter than that where there is hardly one. `gradient` in data units per mm, world; `gradient_max` is G.
-pub fn style_normal(gradient: DVec3, gradient_max: f64, direction: DVec3, frame: &RayFrame) -> [f64; 2] {
-    let magnitude = gradient.length();
-    if magnitude / gradient_max <= NO_SURFACE {
-        return [0.0, 0.0];
+/// A face of the volume's box near a sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Face {
+    /// Unit normal in the world, out of the volume.
+    pub normal: DVec3,
+    /// How much it counts: 1 on the face, 0 from one voxel inside on.
+    pub weight: f64,
+}
+
+/// The faces near index position `p` in a volume of `grid`.
+pub fn face_normal(grid: &Grid, p: DVec3) -> Face {
+    let (low, high) = grid.index_box();
+    let m = grid.world_gradient_from_index();
+    let (mut normal, mut weight) = (DVec3::ZERO, 0.0f64);
+    for axis in 0..3 {
+        let (to_low, to_high) = (p[axis] - low[axis], high[axis] - p[axis]);
+        let x = ((to_low.min(to_high) - 0.5) / 0.5).clamp(0.0, 1.0);
+        let f = 1.0 - x * x * (3.0 - 2.0 * x);
+        // A plane's normal goes by the inverse transpose; each face's is made a unit before those of an edge are mixed.
+        normal += m.col(axis).normalize() * if to_low < to_high { -f } else { f };
+        weight = weight.max(f);
     }
-    let outward = -gradient / magnitude;
+    Face { normal: normal.normalize_or_zero(), weight }
+}
+
+/// n_xy: the right and up components, in the ray's frame, of the unit normal that faces the viewer. (0, 0) where there
+/// is no surface, and shorter than that where there is hardly one. `gradient` = ĝ, in the world.
+pub fn style_normal(gradient: DVec3, face: Face, direction: DVec3, frame: &RayFrame) -> [f64; 2] {
+    let outward = -gradient.normalize_or_zero();
+    let outward = (outward + face.weight * (face.normal - outward)).normalize_or_zero();
     // v = −direction. The whole vector is turned: the style's picture is the same for either side of a surface.
     let facing = if outward.dot(-direction) >= 0.0 { outward } else { -outward };
-    let x = ((magnitude / gradient_max - NO_SURFACE) / (SURFACE - NO_SURFACE)).min(1.0);
+    let x = ((steepness(gradient, face) - NO_SURFACE) / (SURFACE - NO_SURFACE)).clamp(0.0, 1.0);
     let presence = x * x * (3.0 - 2.0 * x);
     [presence * facing.dot(frame.right), presence * facing.dot(frame.up)]
+}
+
+/// ‖ĝ‖, or what a face of the volume makes of it: a face is a sharp surface.
+pub fn steepness(gradient: DVec3, face: Face) -> f64 {
+    gradient.length().max(face.weight * SHARP)
 }
 
 /// Texture coordinates (0…1, v downwards) of a normal in a style of `size` texels a side.
@@ -158,6 +196,28 @@ mod tests {
         .unwrap()
     }
 
+    const NONE: Face = Face { normal: DVec3::X, weight: 0.0 };
+
+    #[test]
+    fn face_normal_is_the_cut_of_the_box() {
+        let sheared = glam::DAffine3::from_mat3(glam::DMat3::from_cols(
+            DVec3::new(1.0, 0.0, 0.0),
+            DVec3::new(0.5, 1.0, 0.0),
+            DVec3::new(0.0, 0.0, 2.0),
+        ));
+        let grid = Grid::new([10, 10, 10], sheared).unwrap();
+        let on_top = face_normal(&grid, DVec3::new(4.0, 4.0, 9.5));
+        assert_eq!((on_top.normal, on_top.weight), (DVec3::Z, 1.0));
+        // The face across x is no longer across the world's x: its normal is orthogonal to the two other axes.
+        let left = face_normal(&grid, DVec3::new(-0.25, 4.0, 4.0));
+        assert!(left.normal.dot(DVec3::new(0.5, 1.0, 0.0)).abs() < 1e-12 && left.normal.x < 0.0 && left.weight == 1.0);
+        assert_eq!(face_normal(&grid, DVec3::new(4.0, 0.5, 4.0)).weight, 0.0);
+        // On the face the data's gradient does not matter, whichever way it points.
+        let frame = RayFrame { right: DVec3::X, up: DVec3::Y };
+        let seen = |g: DVec3| style_normal(g, on_top, DVec3::NEG_Z, &frame);
+        assert_eq!((seen(DVec3::X), seen(DVec3::NEG_Y), seen(DVec3::ZERO)), ([0.0; 2], [0.0; 2], [0.0; 2]));
+    }
+
     #[test]
     fn classify_between_outside_and_on_a_jump() {
         let function = StyleTransferFunction {
@@ -165,12 +225,12 @@ mod tests {
             reference_length_mm: 1.0,
         };
         let class = |v| classify(&function, v);
-        assert_eq!(class(-5.0), Classification { opacity: 0.0, styles: [3, 3], weight: 0.0 });
-        assert_eq!(class(2.0), Classification { opacity: 0.25, styles: [3, 1], weight: 0.25 });
-        assert_eq!(class(8.0), Classification { opacity: 0.25, styles: [2, 0], weight: 0.0 });
-        assert_eq!(class(14.0), Classification { opacity: 0.375, styles: [2, 0], weight: 0.5 });
-        assert_eq!(class(20.0), Classification { opacity: 0.5, styles: [0, 0], weight: 0.0 });
-        assert_eq!(class(1e300), Classification { opacity: 0.5, styles: [0, 0], weight: 0.0 });
+        assert_eq!(class(-5.0), Classification { opacity: 0.0, styles: [3, 3], weight: 0.0, node: 0.0 });
+        assert_eq!(class(2.0), Classification { opacity: 0.25, styles: [3, 1], weight: 0.25, node: 0.25 });
+        assert_eq!(class(8.0), Classification { opacity: 0.25, styles: [2, 0], weight: 0.0, node: 2.0 });
+        assert_eq!(class(14.0), Classification { opacity: 0.375, styles: [2, 0], weight: 0.5, node: 2.5 });
+        assert_eq!(class(20.0), Classification { opacity: 0.5, styles: [0, 0], weight: 0.0, node: 3.0 });
+        assert_eq!(class(1e300), Classification { opacity: 0.5, styles: [0, 0], weight: 0.0, node: 3.0 });
     }
 
     #[test]
@@ -185,10 +245,10 @@ mod tests {
             // |n_xy| = 1 ⇔ n·v = 0.
             for i in 0..50 {
                 let around = DQuat::from_axis_angle(d, f64::from(i)) * frame.right;
-                let on_rim = style_normal(around, 1.0, d, &frame);
+                let on_rim = style_normal(around, NONE, d, &frame);
                 assert!((on_rim[0].hypot(on_rim[1]) - 1.0).abs() < 1e-9);
                 let n = (around + 0.05 * f64::from(i) * d).normalize();
-                let n_xy = style_normal(n, 1.0, d, &frame);
+                let n_xy = style_normal(n, NONE, d, &frame);
                 assert!((n_xy[0].powi(2) + n_xy[1].powi(2) + n.dot(d).powi(2) - 1.0).abs() < 1e-9);
             }
         }
@@ -197,12 +257,13 @@ mod tests {
     #[test]
     fn style_normal_faces_the_viewer() {
         let frame = RayFrame { right: DVec3::X, up: DVec3::Z };
-        let normal = |g: [f64; 3], g_max| style_normal(g.into(), g_max, DVec3::Y, &frame);
+        let normal = |g: [f64; 3], g_max: f64| style_normal(DVec3::from(g) / g_max, NONE, DVec3::Y, &frame);
         // Values fall towards the viewer (at −y) and to the right: the outward normal already faces.
-        assert_eq!(normal([-3.0, 4.0, 0.0], 1.0), [0.6, 0.0]);
+        let close = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).abs() < 1e-15 && (a[1] - b[1]).abs() < 1e-15;
+        assert!(close(normal([-3.0, 4.0, 0.0], 1.0), [0.6, 0.0]));
         // The same surface from its other side: the whole vector turns.
-        assert_eq!(normal([3.0, -4.0, 0.0], 1.0), [0.6, 0.0]);
-        assert_eq!(normal([0.0, 4.0, -3.0], 1.0), [0.0, 0.6]);
+        assert!(close(normal([3.0, -4.0, 0.0], 1.0), [0.6, 0.0]));
+        assert!(close(normal([0.0, 4.0, -3.0], 1.0), [0.0, 0.6]));
         // On the rim the outward normal stays as it is.
         assert_eq!(normal([-2.0, 0.0, 0.0], 1.0), [1.0, 0.0]);
         assert_eq!(normal([2.0, 0.0, 0.0], 1.0), [-1.0, 0.0]);
@@ -255,10 +316,10 @@ mod tests {
     fn shade_mixes_premultiplied() {
         let flat = |rgba| Arc::new(StyleImage::flat("flat", rgba));
         let styles = [flat([1.0, 0.0, 0.0, 1.0]), flat([0.0, 0.0, 0.25, 0.25]), flat([0.0; 4])];
-        let class = Classification { opacity: 1.0, styles: [0, 1], weight: 0.5 };
+        let class = Classification { opacity: 1.0, styles: [0, 1], weight: 0.5, node: 0.5 };
         let (color, alpha) = shade(&styles, &class, [0.3, 0.2], 0.0);
         assert_eq!((color, alpha), ([0.8, 0.0, 0.2], 0.625));
-        let clear = Classification { opacity: 1.0, styles: [2, 2], weight: 0.0 };
+        let clear = Classification { opacity: 1.0, styles: [2, 2], weight: 0.0, node: 0.0 };
         assert_eq!(shade(&styles, &clear, [0.0, 0.0], 0.0), ([0.0; 3], 0.0));
     }
 }

@@ -14,14 +14,14 @@ use crate::styles::{STYLE_SIZE, StyleImage, normal_from_uv};
 use crate::volume::{Rescale, Volume, Voxels};
 
 /// A field sampled at voxel centers (index space).
-pub(super) fn lattice(dims: [usize; 3], field: impl Fn(DVec3) -> f64) -> Lattice {
+pub(crate) fn lattice(dims: [usize; 3], field: impl Fn(DVec3) -> f64) -> Lattice {
     let [nx, ny, _] = dims;
     let center = |i: usize| DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / nx / ny) as f64);
     Lattice { dims, values: (0..dims.iter().product()).map(|i| field(center(i))).collect() }
 }
 
 /// Upright, anisotropic, turned, sheared and left-handed.
-pub(super) fn awkward_affines() -> [DAffine3; 5] {
+pub(crate) fn awkward_affines() -> [DAffine3; 5] {
     let turn = DMat3::from_rotation_z(0.4) * DMat3::from_rotation_x(-1.1);
     let scale = DMat3::from_diagonal(DVec3::new(0.5, 0.8, 1.25));
     let shear = DMat3::from_cols(DVec3::new(1.0, 0.1, 0.0), DVec3::new(0.3, 0.9, -0.2), DVec3::new(0.0, 0.25, 1.2));
@@ -32,12 +32,12 @@ pub(super) fn awkward_affines() -> [DAffine3; 5] {
 }
 
 /// A transfer function node.
-pub(super) fn node(value: f64, style: usize, opacity: f64) -> TransferFunctionNode {
+pub(crate) fn node(value: f64, style: usize, opacity: f64) -> TransferFunctionNode {
     TransferFunctionNode { value, style, opacity }
 }
 
 /// An opaque style whose red and green tell n_x and n_y.
-pub(super) fn sphere_style() -> StyleImage {
+pub(crate) fn sphere_style() -> StyleImage {
     let texel = |i: usize| {
         let uv = [i % STYLE_SIZE, i / STYLE_SIZE].map(|k| (k as f64 + 0.5) / STYLE_SIZE as f64);
         let n = normal_from_uv(uv, STYLE_SIZE);
@@ -48,13 +48,13 @@ pub(super) fn sphere_style() -> StyleImage {
 }
 
 /// A volume of f64 voxels from a field of *world* positions.
-pub(super) fn volume(dims: [usize; 3], affine: DAffine3, field: impl Fn(DVec3) -> f64) -> Volume {
+pub(crate) fn volume(dims: [usize; 3], affine: DAffine3, field: impl Fn(DVec3) -> f64) -> Volume {
     let values = lattice(dims, |p| field(affine.transform_point3(p))).values;
     Volume::new(Grid::new(dims, affine).unwrap(), Voxels::F64(values), Rescale::IDENTITY, "test").unwrap()
 }
 
 /// A scene with one object; opacities are those of 1 mm.
-pub(super) fn scene(
+pub(crate) fn scene(
     volume: Volume,
     nodes: Vec<TransferFunctionNode>,
     styles: Vec<StyleImage>,
@@ -71,6 +71,6 @@ pub(super) fn scene(
 }
 
 /// A camera at `eye_mm` that looks at `target_mm`, S up.
-pub(super) fn looking_at(eye_mm: DVec3, target_mm: DVec3, projection: Projection) -> Camera {
+pub(crate) fn looking_at(eye_mm: DVec3, target_mm: DVec3, projection: Projection) -> Camera {
     Camera::looking(eye_mm, target_mm - eye_mm, DVec3::Z, projection).unwrap()
 }

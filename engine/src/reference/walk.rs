@@ -5,9 +5,10 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 
 use super::opacity::opacity_correct;
+use super::piece::classify_piece;
 use super::ray::{Ray, samples};
 use super::sample::{Lattice, gradient_at, sample_volume};
-use super::style::{classify, ray_frame, shade, style_level, style_normal};
+use super::style::{at_node, classify, face_normal, ray_frame, shade, steepness, style_level, style_normal};
 use crate::scene::{Camera, StyleTransferFunction};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
@@ -50,6 +51,15 @@ pub fn composite(front: [f64; 4], back: [f64; 4]) -> [f64; 4] {
     std::array::from_fn(|c| front[c] + clear * back[c])
 }
 
+/// How a piece of a ray is classified.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Classify {
+    /// By its middle: the model itself, true in the limit of short pieces.
+    Middle,
+    /// By both of its ends (docs/rendering.md §5): what the raycaster does at its step.
+    Ends,
+}
+
 /// Marches `ray` through the object, in steps of `step_voxels` > 0 voxels along it. It ends when its transmittance falls
 /// below `termination` (0: never). `image_height` in pixels sets the styles' mip level.
 pub fn march(
@@ -57,8 +67,8 @@ pub fn march(
     camera: &Camera,
     image_height: u32,
     ray: &Ray,
-    step_voxels: f64,
-    termination: f64,
+    (step_voxels, termination): (f64, f64),
+    by: Classify,
 ) -> March {
     let mut result = March::default();
     let Some(samples) = samples(ray, &object.grid, step_voxels) else { return result };
@@ -67,25 +77,39 @@ pub fn march(
     let direction: DVec3 = object.grid.index_from_world().matrix3 * ray.direction;
     let frame = ray_frame(camera, ray.direction);
     let smallest_spacing_mm = object.grid.spacing_mm().min_element();
+    let function = object.transfer_function;
+    let value_at = |t: f64| sample_volume(&object.data, origin + t * direction);
+    let mut front = if by == Classify::Ends { value_at(samples.t0) } else { 0.0 };
 
     for k in 0..samples.count {
         let (start, end) = samples.piece(k);
-        let t = 0.5 * (start + end);
-        let length_ratio = (end - start) / object.transfer_function.reference_length_mm;
-        let p = origin + t * direction;
-        let class = classify(object.transfer_function, sample_volume(&object.data, p));
-        let has_data = object.validity.as_ref().map_or(1.0, |validity| sample_volume(validity, p));
-        let alpha_u = class.opacity * has_data;
-        if alpha_u <= 0.0 {
+        let length_ratio = (end - start) / function.reference_length_mm;
+        let (t, class) = match by {
+            Classify::Middle => {
+                let t = 0.5 * (start + end);
+                (t, classify(function, value_at(t)))
+            }
+            Classify::Ends => {
+                let back = value_at(end);
+                let piece = classify_piece(function, front, back, length_ratio);
+                front = back;
+                let opacity = -(-piece.extinction).exp_m1();
+                (start + piece.middle * (end - start), at_node(function, piece.node, opacity))
+            }
+        };
+        if class.opacity <= 0.0 {
             continue;
         }
+        let p = origin + t * direction;
+        let has_data = object.validity.as_ref().map_or(1.0, |validity| sample_volume(validity, p));
         let gradient = gradient_at(&object.gradient_volume, object.world_gradient_from_index, p);
-        let n_xy = style_normal(gradient, object.gradient_max, ray.direction, &frame);
+        let gradient = gradient / object.gradient_max;
+        let face = face_normal(&object.grid, p);
+        let n_xy = style_normal(gradient, face, ray.direction, &frame);
         let depth_mm = (ray.origin_mm + t * ray.direction - camera.eye_mm).dot(camera.forward);
-        let normalized = gradient.length() / object.gradient_max;
-        let level = style_level(camera, image_height, depth_mm, smallest_spacing_mm, normalized);
+        let level = style_level(camera, image_height, depth_mm, smallest_spacing_mm, steepness(gradient, face));
         let ([red, green, blue], alpha_d) = shade(object.styles, &class, n_xy, level);
-        let alpha = opacity_correct(alpha_d * alpha_u, length_ratio);
+        let alpha = opacity_correct(alpha_d * class.opacity * has_data, length_ratio);
         if alpha <= 0.0 {
             continue;
         }

@@ -80,10 +80,15 @@ impl Camera {
         if ok {
             Ok(())
         } else {
-            Err(Error::scene(
-                format!("the camera cannot project with {:?}", self.projection),
-                "give a field of view between 0 and 180 degrees or a positive height in mm",
-            ))
+            Err(match self.projection {
+                Projection::Perspective { fov_y_deg } => Error::scene(
+                    format!("the camera's field of view is {fov_y_deg} degrees"),
+                    "give one between 0 and 180",
+                ),
+                Projection::Orthographic { height_mm } => {
+                    Error::scene(format!("the camera shows a height of {height_mm} mm"), "give a positive one")
+                }
+            })
         }
     }
 }

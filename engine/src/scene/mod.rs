@@ -58,6 +58,19 @@ pub enum Background {
 const FRAMED_OPACITY: f64 = 0.01;
 
 impl Object {
+    /// Smallest and largest data value of the volume.
+    pub fn data_range(&self) -> (f64, f64) {
+        let (a, b) = self.volume.bricks().range();
+        let (a, b) = (self.volume.rescale.value(a), self.volume.rescale.value(b));
+        (a.min(b), a.max(b))
+    }
+
+    /// Whether the transfer function gives no opacity to any value of the volume.
+    pub fn shows_nothing(&self) -> bool {
+        let (low, high) = self.data_range();
+        self.transfer_function.max_opacity(low, high) <= 0.0
+    }
+
     /// The index box of the bricks in which the transfer function shows something (opacity above 0.01), clipped to
     /// the volume; the whole volume where it shows nothing.
     pub fn visible_index_box(&self) -> (DVec3, DVec3) {
@@ -77,6 +90,10 @@ impl Object {
     }
 }
 
+/// Most samples on a ray. Software adapters end a shader's loops silently after 65 535 rounds, of which a visible sample
+/// takes three (leap, look, shade).
+const MAX_SAMPLES: f64 = 20_000.0;
+
 impl Scene {
     /// Checks what types cannot: every node has a style, values and lengths are finite, nodes ascend.
     ///
@@ -90,6 +107,9 @@ impl Scene {
             ));
         }
         self.camera.validate()?;
+        if !(self.camera.eye_mm.is_finite() && self.camera.forward.is_finite()) {
+            return Err(Error::scene("the camera is infinitely far away", "give it a larger field of view or height"));
+        }
         self.quality.validate()?;
         for object in &self.objects {
             if !(object.gradient_scale_mm.is_finite() && object.gradient_scale_mm >= 0.0) {
@@ -99,6 +119,17 @@ impl Scene {
                 ));
             }
             object.transfer_function.validate(self.styles.len())?;
+            let diagonal = DVec3::from_array(object.volume.grid.dims().map(|n| n as f64)).length();
+            if diagonal / self.quality.step_voxels > MAX_SAMPLES {
+                return Err(Error::scene(
+                    format!(
+                        "a step of {} voxels puts {:.0} samples on a ray through this volume, and a ray holds {MAX_SAMPLES}",
+                        self.quality.step_voxels,
+                        diagonal / self.quality.step_voxels
+                    ),
+                    format!("choose a step of {:.3} voxels or more", diagonal / MAX_SAMPLES),
+                ));
+            }
         }
         Ok(())
     }

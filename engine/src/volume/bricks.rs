@@ -9,8 +9,15 @@ use crate::with_voxels;
 /// Edge of a brick in voxels.
 pub const BRICK: usize = 8;
 
-/// Smallest and largest stored number of each brick, with the border of one voxel that trilinear interpolation
-/// reaches into: brick b answers for positions from 8b − ½ to 8b + 7½.
+/// The longest step, in voxels, that the border of the bricks allows to leap with: a piece whose middle is in a brick
+/// has its ends at most half a step outside of it.
+pub const MAX_SKIP_STEP: f64 = 2.0;
+
+/// Voxels around a brick that its range includes: one that half a step reaches into, one for interpolation.
+const BORDER: usize = 2;
+
+/// Smallest and largest stored number of each brick with its border: brick b answers for all pieces of rays whose
+/// middle is from 8b − ½ to 8b + 7½.
 #[derive(Clone, Debug)]
 pub struct MinMaxBricks {
     /// Number of bricks along x, y, z.
@@ -80,8 +87,8 @@ impl MinMaxBricks {
 }
 
 fn brick_range<T: Voxel>(voxels: &[T], dims: [usize; 3], brick: [usize; 3]) -> (f64, f64) {
-    let from = brick.map(|b| (b * BRICK).saturating_sub(1));
-    let to: [usize; 3] = std::array::from_fn(|i| (brick[i] * BRICK + BRICK + 1).min(dims[i]));
+    let from = brick.map(|b| (b * BRICK).saturating_sub(BORDER));
+    let to: [usize; 3] = std::array::from_fn(|i| (brick[i] * BRICK + BRICK + BORDER).min(dims[i]));
     let first = voxels[from[0] + dims[0] * (from[1] + dims[1] * from[2])];
     let (mut lo, mut hi) = (first, first);
     for z in from[2]..to[2] {
@@ -104,7 +111,7 @@ mod tests {
     fn bricks_include_their_border() {
         let dims = [17, 9, 8];
         let mut v = vec![0i16; 17 * 9 * 8];
-        v[8] = 7; // x = 8: inside brick 1, on the border of brick 0
+        v[9] = 7; // x = 9: inside brick 1, on the border of brick 0
         let bricks = MinMaxBricks::compute(&Voxels::I16(v), dims);
         assert_eq!(bricks.dims, [3, 2, 1]);
         assert_eq!(bricks.ranges.iter().map(|r| r.1).collect::<Vec<_>>(), [7.0, 7.0, 0.0, 0.0, 0.0, 0.0]);

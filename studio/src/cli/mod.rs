@@ -1,9 +1,13 @@
 //! The command line: arguments in, exit code out. Errors are one sentence on stderr; 0 = ok, 1 = failed, 2 = usage.
 
 mod adapters;
+mod bench;
 mod inspect;
+mod measure;
+mod plot;
 mod progress_bar;
 mod render;
+mod setup;
 mod styles;
 mod volumes;
 
@@ -25,6 +29,10 @@ struct Cli {
 enum Command {
     /// Draw the figure of a template into a PNG file.
     Render(render::Arguments),
+    /// Measure what accuracy costs: time and error of a grid of settings.
+    Measure(measure::Arguments),
+    /// Time the frames of a turning camera.
+    Bench(bench::Arguments),
     /// Say what a volume is: format, size, orientation, values, warnings.
     Inspect(inspect::Arguments),
     /// List the graphics adapters that can draw.
@@ -73,6 +81,8 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 fn run(command: Command, matches: &clap::ArgMatches) -> Result<()> {
     match command {
         Command::Render(arguments) => render::run(&arguments, matches),
+        Command::Measure(arguments) => measure::run(&arguments, matches),
+        Command::Bench(arguments) => bench::run(&arguments, matches),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Adapters(arguments) => adapters::run(&arguments),
         Command::Styles(arguments) => styles::run(&arguments),

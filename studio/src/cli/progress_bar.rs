@@ -31,14 +31,23 @@ impl Bar {
         let thread = std::thread::spawn(move || {
             let start = Instant::now();
             let bar = ProgressBar::hidden();
-            if let Ok(style) = ProgressStyle::with_template("{msg:32} {wide_bar} {percent:>3} %") {
+            let mut shown = String::new();
+            if let Ok(style) = ProgressStyle::with_template("{msg:32} {wide_bar} {percent:>3} % {eta:>4}") {
                 bar.set_style(style);
             }
             while stopped.recv_timeout(Duration::from_millis(80)) == Err(RecvTimeoutError::Timeout) {
                 let (stage, done, total) = progress.snapshot();
                 if start.elapsed() > PATIENCE && !stage.is_empty() {
-                    bar.set_draw_target(indicatif::ProgressDrawTarget::stderr());
-                    bar.set_message(stage);
+                    if bar.is_hidden() {
+                        // Once: a new target forgets the line that is to be drawn over.
+                        bar.set_draw_target(indicatif::ProgressDrawTarget::stderr());
+                    }
+                    if stage != shown {
+                        // The estimate of what is left starts anew.
+                        bar.reset();
+                        bar.set_message(stage.clone());
+                        shown = stage;
+                    }
                     bar.set_length(total.max(1));
                     bar.set_position(done.min(total));
                 }

@@ -10,6 +10,7 @@ use fabrica_engine::render::{RenderOptions, Renderer};
 use fabrica_engine::{Error, Progress};
 
 use super::progress_bar::Bar;
+use super::setup::{parse_size, peak_memory_mb};
 use super::{UsageError, volumes};
 use crate::figure::template::{Background, Page, QualityName};
 use crate::figure::{Template, bridge};
@@ -44,14 +45,6 @@ pub struct Arguments {
     /// Say what is done and how long it takes.
     #[arg(long, short)]
     verbose: bool,
-}
-
-fn parse_size(text: &str) -> Result<[u32; 2], String> {
-    let edges = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    match edges {
-        Some([w, h]) if w > 0 && h > 0 => Ok([w, h]),
-        _ => Err("write it as WIDTHxHEIGHT in pixels, for example 1024x768".to_owned()),
-    }
 }
 
 fn parse_dpi(text: &str) -> Result<f64, String> {
@@ -172,14 +165,6 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     Ok(())
 }
 
-/// The most memory that this process ever held, where the system tells (Linux), in 10⁶ bytes.
-fn peak_memory_mb() -> Option<f64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
-    let kib: f64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kib * 1024.0 / 1e6)
-}
-
 /// What would make the last step fail is found before the first one.
 fn check_out(out: &Path) -> Result<()> {
     let extension = out.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
@@ -205,13 +190,5 @@ mod tests {
         assert_eq!(pixels_and_dpi(&page, Some([400, 400]), None).unwrap(), ([400, 400], 200.0));
         assert_eq!(pixels_and_dpi(&page, Some([400, 400]), Some(72.0)).unwrap(), ([400, 400], 72.0));
         assert!(pixels_and_dpi(&page, None, Some(1e9)).is_err());
-    }
-
-    #[test]
-    fn sizes_parse() {
-        assert_eq!(parse_size("10x20"), Ok([10, 20]));
-        for bad in ["", "10", "0x5", "10x", "-1x2", "1e3x2", "10x20x30"] {
-            assert!(parse_size(bad).is_err(), "{bad}");
-        }
     }
 }

@@ -162,9 +162,14 @@ fn camera(template: &CameraTemplate, object: Option<&Object>) -> Result<Camera> 
     if !(template.height > 0.0 && template.height.is_finite()) {
         bail!("the camera shows a height of {} radii; give a positive number", template.height);
     }
-    let from = DVec3::from_array(template.from)
+    // Scaled first: lengths beyond 1e154 have squares that are no numbers.
+    let from = DVec3::from_array(template.from);
+    let from = (from / from.abs().max_element())
         .try_normalize()
-        .context("the camera's \"from\" is 0 0 0; give the direction from the object to the eye")?;
+        .context("the camera's \"from\" has no direction; give three numbers, not all 0, from the object to the eye")?;
+    if template.projection == ProjectionName::Perspective && !(template.fov_deg > 0.0 && template.fov_deg < 180.0) {
+        bail!("the camera's field of view is {} degrees; give one between 0 and 180", template.fov_deg);
+    }
     let target = center + radius * DVec3::from_array(template.target);
     let (projection, distance) = match template.projection {
         ProjectionName::Perspective => {

@@ -251,6 +251,8 @@ impl Template {
     /// As [`Template::parse`], or that the file cannot be read; the path comes last.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| fabrica_engine::Error::io(path, &e))?;
+        // Windows editors put a byte order mark in front.
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").map_or(bytes.clone(), <[u8]>::to_vec);
         let text = String::from_utf8(bytes)
             .map_err(|_| anyhow::anyhow!("it is not UTF-8 text, so it is no template"))
             .with_context(|| format!("cannot use the template {}", path.display()))?;
