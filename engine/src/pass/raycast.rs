@@ -155,9 +155,12 @@ pub struct RaycastPass {
     frame_group: wgpu::BindGroup,
     pipelines: HashMap<RaycastKey, Pipeline>,
     styles: Option<(Vec<Arc<StyleImage>>, wgpu::TextureView)>,
-    table: Option<(TableKey, Arc<TransferTable>, wgpu::TextureView)>,
+    tables: Vec<(TableKey, Arc<TransferTable>, wgpu::TextureView)>,
     patch: Option<ShaderPatch>,
 }
+
+/// Tables that are kept, a megabyte each: the steps of a refining picture, the looks of a few undos.
+const MAX_TABLES: usize = 12;
 
 /// What a transfer table depends on: function, rescale, encoding, range of the data, length of a piece.
 type TableKey = (StyleTransferFunction, Rescale, Encoding, (f64, f64), f64);
@@ -184,7 +187,15 @@ impl RaycastPass {
             layout: &frame_layout,
             entries: &[wgpu::BindGroupEntry { binding: 0, resource: frame_buffer.as_entire_binding() }],
         });
-        Self { frame_layout, frame_buffer, frame_group, pipelines: HashMap::new(), styles: None, table: None, patch }
+        Self {
+            frame_layout,
+            frame_buffer,
+            frame_group,
+            pipelines: HashMap::new(),
+            styles: None,
+            tables: Vec::new(),
+            patch,
+        }
     }
 
     /// Binds an object of the scene: its volume, table, skip map and styles. `skip_empty` = false leaves the skip
@@ -332,9 +343,7 @@ impl RaycastPass {
     ) -> (Arc<TransferTable>, wgpu::TextureView) {
         let (rescale, data) = (object.volume.rescale, object.data_range());
         let key = (object.transfer_function.clone(), rescale, resident.encoding, data, lengths);
-        if let Some((held, table, view)) = &self.table
-            && *held == key
-        {
+        if let Some((_, table, view)) = self.tables.iter().find(|(held, ..)| *held == key) {
             return (table.clone(), view.clone());
         }
         let table = Arc::new(TransferTable::new(&key.0, rescale, resident.encoding, data, lengths));
@@ -346,7 +355,10 @@ impl RaycastPass {
             wgpu::TextureFormat::Rgba32Float,
             bytemuck::cast_slice(&table.entries),
         );
-        self.table = Some((key, table.clone(), view.clone()));
+        if self.tables.len() >= MAX_TABLES {
+            self.tables.remove(0);
+        }
+        self.tables.push((key, table.clone(), view.clone()));
         (table, view)
     }
 

@@ -1,5 +1,13 @@
 //! The command line: arguments in, exit code out. Errors are one sentence on stderr; 0 = ok, 1 = failed, 2 = usage.
 
+/// Prints a line to stderr; where that is closed or full, nobody is there to be told.
+macro_rules! say {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stderr(), $($text)*);
+    }};
+}
+
 mod adapters;
 mod bench;
 mod inspect;
@@ -72,7 +80,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("fabrica: {error:#}");
+            say!("fabrica: {error:#}");
             ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
         }
     }
@@ -97,7 +105,9 @@ fn run(command: Command, matches: &clap::ArgMatches) -> Result<()> {
 fn print_line(text: &str) -> Result<()> {
     use std::io::Write as _;
     match writeln!(std::io::stdout(), "{text}") {
-        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(e.into()),
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(fabrica_engine::Error::io(std::path::Path::new("standard output"), &e).into())
+        }
         _ => Ok(()),
     }
 }

@@ -79,7 +79,7 @@ struct Clock(Option<Instant>);
 impl Clock {
     fn lap(&mut self, stage: &str) {
         if let Some(since) = &mut self.0 {
-            eprintln!("{stage}: {:.0} ms", since.elapsed().as_secs_f64() * 1e3);
+            say!("{stage}: {:.0} ms", since.elapsed().as_secs_f64() * 1e3);
             *since = Instant::now();
         }
     }
@@ -109,12 +109,12 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     let folder = arguments.template.parent().unwrap_or(Path::new(""));
     let volumes = bridge::load_volumes(&template, folder, &replacements, &progress)?;
     for warning in volumes.iter().flat_map(|v| &v.warnings) {
-        eprintln!("warning: {warning}");
+        say!("warning: {warning}");
     }
     clock.lap("volumes");
     let (scene, notes) = bridge::scene(&template, &volumes, &styles, &progress)?;
     if arguments.verbose {
-        notes.iter().for_each(|note| eprintln!("note: {note}"));
+        notes.iter().for_each(|note| say!("note: {note}"));
     }
     clock.lap("scene");
     let context = adapter.join().map_err(|_| anyhow::anyhow!("the graphics driver crashed; try another adapter"))??;
@@ -144,23 +144,16 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     .with_context(|| "the figure was not written".to_owned())?;
     clock.lap("drawing and writing");
     for warning in report.warnings {
-        eprintln!("warning: {warning}");
+        say!("warning: {warning}");
     }
     if arguments.verbose {
-        eprintln!("adapter: {} ({}, {})", adapter.name, adapter.backend, adapter.kind);
-        eprintln!("pipeline: {}", report.pipeline);
+        say!("adapter: {} ({}, {})", adapter.name, adapter.backend, adapter.kind);
+        say!("pipeline: {}", report.pipeline);
         if let Some(mb) = peak_memory_mb() {
-            eprintln!("peak memory: {mb:.0} MB");
+            say!("peak memory: {mb:.0} MB");
         }
         let mm = size.map(|n| f64::from(n) / dpi * 25.4);
-        eprintln!(
-            "{}: {} x {} pixels at {dpi:.1} dpi = {:.1} x {:.1} mm",
-            out.display(),
-            size[0],
-            size[1],
-            mm[0],
-            mm[1]
-        );
+        say!("{}: {} x {} pixels at {dpi:.1} dpi = {:.1} x {:.1} mm", out.display(), size[0], size[1], mm[0], mm[1]);
     }
     Ok(())
 }

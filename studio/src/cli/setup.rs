@@ -70,7 +70,7 @@ impl Stage {
         let renderer = Renderer::new(GpuContext::new(adapter)?);
         let volumes = bridge::load_volumes(&template, folder, &replacements, progress)?;
         for warning in volumes.iter().flat_map(|v| &v.warnings) {
-            eprintln!("warning: {warning}");
+            say!("warning: {warning}");
         }
         let (scene, _) = bridge::scene(&template, &volumes, &super::styles::library(None)?, progress)?;
         Ok(Self { template, scene, renderer })
