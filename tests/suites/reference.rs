@@ -22,7 +22,7 @@ fn compare(renderer: &mut Renderer, scene: &Scene) -> Result<Difference, String>
     assert_eq!(scene.background, Background::Transparent);
     let picture = renderer.render(scene, SIZE, &RenderOptions::default(), &Progress::new()).unwrap();
     let reference = Reference::new(scene).unwrap().twin(SIZE, &Progress::new()).unwrap();
-    agrees(&picture, &reference, scene.quality.step_voxels)
+    agrees(&picture, &reference, scene)
 }
 
 const OPAQUE: &[(f64, &str, f64)] = &[(150.0, "bone", 0.0), (300.0, "bone", 0.9), (700.0, "vessel", 1.0)];
