@@ -1,4 +1,4 @@
-//! Volumes on the adapter: encoding, 3-D textures, the prefiltered copy, bricks.
+//! Volumes on the adapter: encoding, 3-D textures, the prefiltered copy.
 
 use std::sync::Arc;
 

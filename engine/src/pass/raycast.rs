@@ -2,7 +2,7 @@
 //! style array, pipeline per key.
 
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use glam::DVec3;
 use wgpu::util::DeviceExt as _;
@@ -11,11 +11,11 @@ use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::error::{Error, Result};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::shader_library::RaycastKey;
-use crate::gpu::upload::{Encoding, ResidentVolume, extent};
+use crate::gpu::upload::{ResidentVolume, extent};
 use crate::scene::{Camera, Object, Projection, Quality, Scene, StyleTransferFunction};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
-use crate::volume::Rescale;
+use crate::volume::Volume;
 use crate::volume::bricks::MAX_SKIP_STEP;
 
 /// A `repr(C)` block that a shader reads, with the names and offsets of its fields for the test that compares them.
@@ -155,15 +155,27 @@ pub struct RaycastPass {
     frame_group: wgpu::BindGroup,
     pipelines: HashMap<RaycastKey, Pipeline>,
     styles: Option<(Vec<Arc<StyleImage>>, wgpu::TextureView)>,
-    tables: Vec<(TableKey, Arc<TransferTable>, wgpu::TextureView)>,
+    looks: Vec<Look>,
     patch: Option<ShaderPatch>,
 }
 
-/// Tables that are kept, a megabyte each: the steps of a refining picture, the looks of a few undos.
-const MAX_TABLES: usize = 12;
+/// Looks that are kept, a megabyte each: the steps of a refining picture, a few undos.
+const MAX_LOOKS: usize = 12;
 
-/// What a transfer table depends on: function, rescale, encoding, range of the data, length of a piece.
-type TableKey = (StyleTransferFunction, Rescale, Encoding, (f64, f64), f64);
+/// What depends on an object's volume and transfer function but not on the camera: made anew only when they change, so
+/// that a turning camera pays nothing for it.
+#[derive(Clone, Debug)]
+struct Look {
+    volume: Weak<Volume>,
+    function: StyleTransferFunction,
+    /// Usual length of a piece, in reference lengths.
+    lengths: f64,
+    /// Whether the march leaps over empty bricks.
+    leaps: bool,
+    table: Arc<TransferTable>,
+    transfer_function: wgpu::TextureView,
+    skip_map: wgpu::TextureView,
+}
 
 /// Changes the WGSL text of a pipeline before it is compiled: how tests plant a defect.
 pub type ShaderPatch = fn(String) -> String;
@@ -193,7 +205,7 @@ impl RaycastPass {
             frame_group,
             pipelines: HashMap::new(),
             styles: None,
-            tables: Vec::new(),
+            looks: Vec::new(),
             patch,
         }
     }
@@ -220,13 +232,8 @@ impl RaycastPass {
         let volume = &object.volume;
         let grid = volume.grid;
         let lengths = usual_length(scene, object);
-        let (table, transfer_function) = self.transfer_table(context, object, resident, lengths);
-        let distances = if skip_empty && scene.quality.step_voxels <= MAX_SKIP_STEP {
-            let texel = |stored| resident.encoding.texel(stored);
-            volume.bricks().distances(|low, high| table.shows(texel(low), texel(high)))
-        } else {
-            vec![0; volume.bricks().ranges.len()]
-        };
+        let leaps = skip_empty && scene.quality.step_voxels <= MAX_SKIP_STEP;
+        let Look { table, transfer_function, skip_map, .. } = self.look(context, object, resident, lengths, leaps);
 
         let uniform = object_uniform(object, resident, &table);
         let uniform = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
@@ -234,14 +241,6 @@ impl RaycastPass {
             contents: bytemuck::bytes_of(&uniform),
             usage: wgpu::BufferUsages::UNIFORM,
         });
-        let skip_map = small_texture(
-            context,
-            "skip map",
-            extent(volume.bricks().dims),
-            wgpu::TextureDimension::D3,
-            wgpu::TextureFormat::R8Uint,
-            &distances,
-        );
         let layers: Vec<u32> = object.transfer_function.nodes.iter().map(|n| n.style as u32).collect();
         let node_layers = small_texture(
             context,
@@ -332,22 +331,28 @@ impl RaycastPass {
         Ok(&self.pipelines[&key])
     }
 
-    /// The object's table and its texture: made anew only when what they depend on changes, so that a turning camera
-    /// pays nothing for them.
-    fn transfer_table(
+    fn look(
         &mut self,
         context: &GpuContext,
         object: &Object,
         resident: &ResidentVolume,
         lengths: f64,
-    ) -> (Arc<TransferTable>, wgpu::TextureView) {
-        let (rescale, data) = (object.volume.rescale, object.data_range());
-        let key = (object.transfer_function.clone(), rescale, resident.encoding, data, lengths);
-        if let Some((_, table, view)) = self.tables.iter().find(|(held, ..)| *held == key) {
-            return (table.clone(), view.clone());
+        leaps: bool,
+    ) -> Look {
+        // A volume that nobody holds any more may have left its address to another one.
+        self.looks.retain(|look| look.volume.strong_count() > 0);
+        let known = self.looks.iter().find(|look| {
+            std::ptr::eq(look.volume.as_ptr(), &*object.volume)
+                && look.function == object.transfer_function
+                && look.lengths == lengths
+                && look.leaps == leaps
+        });
+        if let Some(known) = known {
+            return known.clone();
         }
-        let table = Arc::new(TransferTable::new(&key.0, rescale, resident.encoding, data, lengths));
-        let view = small_texture(
+        let (function, rescale) = (&object.transfer_function, object.volume.rescale);
+        let table = TransferTable::new(function, rescale, resident.encoding, object.data_range(), lengths);
+        let transfer_function = small_texture(
             context,
             "transfer function",
             extent([TABLE_SIZE, TABLE_SIZE, 1]),
@@ -355,11 +360,35 @@ impl RaycastPass {
             wgpu::TextureFormat::Rgba32Float,
             bytemuck::cast_slice(&table.entries),
         );
-        if self.tables.len() >= MAX_TABLES {
-            self.tables.remove(0);
+        let bricks = object.volume.bricks();
+        let distances = if leaps {
+            let texel = |stored| resident.encoding.texel(stored);
+            bricks.distances(|low, high| table.shows(texel(low), texel(high)))
+        } else {
+            vec![0; bricks.ranges.len()]
+        };
+        let skip_map = small_texture(
+            context,
+            "skip map",
+            extent(bricks.dims),
+            wgpu::TextureDimension::D3,
+            wgpu::TextureFormat::R8Uint,
+            &distances,
+        );
+        let look = Look {
+            volume: Arc::downgrade(&object.volume),
+            function: function.clone(),
+            lengths,
+            leaps,
+            table: Arc::new(table),
+            transfer_function,
+            skip_map,
+        };
+        if self.looks.len() >= MAX_LOOKS {
+            self.looks.remove(0);
         }
-        self.tables.push((key, table.clone(), view.clone()));
-        (table, view)
+        self.looks.push(look.clone());
+        look
     }
 
     fn style_array(&mut self, context: &GpuContext, styles: &[Arc<StyleImage>]) -> Result<wgpu::TextureView> {
