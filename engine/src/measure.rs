@@ -245,27 +245,31 @@ pub struct Row {
 }
 
 /// Steps of the default grid, in voxels.
-const STEPS: [f64; 9] = [4.0, 2.0, 1.5, 1.0, 0.75, 0.5, 0.35, 0.25, 0.125];
-/// Terminations of the default grid.
-const TERMINATIONS: [f64; 3] = [1.0 / 256.0, 1.0 / 1024.0, 1.0 / 8192.0];
+const STEPS: [f64; 8] = [4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125];
+/// Style changes of the default grid, as multiples of the balanced one.
+const CHANGES: [f64; 3] = [4.0, 1.0, 0.25];
 
-/// The settings that are worth a measurement, coarse to fine, the named qualities among them.
-pub fn default_settings() -> Vec<Quality> {
-    let mut settings = Vec::new();
+/// The settings that are worth a measurement and that `scene` allows, coarse to fine, the named qualities and what their
+/// termination does among them.
+pub fn default_settings(scene: &Scene) -> Vec<Quality> {
+    let mut settings = vec![Quality::DRAFT, Quality::STANDARD, Quality::FINAL];
     for step_voxels in STEPS {
-        for termination in TERMINATIONS {
-            let mut quality = Quality::STANDARD;
-            quality.step_voxels = step_voxels;
-            quality.termination = termination;
-            settings.push(quality);
+        let balanced = Quality::balanced(step_voxels);
+        for times in CHANGES {
+            settings.push(Quality { style_change: times * balanced.style_change, ..balanced });
         }
     }
-    for named in [Quality::DRAFT, Quality::STANDARD, Quality::FINAL] {
-        if !settings.contains(&named) {
-            settings.push(named);
-        }
+    for termination in [1.0 / 64.0, 1.0 / 256.0, 1.0 / 1024.0, 1.0 / 16384.0] {
+        settings.push(Quality { termination, ..Quality::STANDARD });
     }
-    settings.sort_by(|a, b| b.step_voxels.total_cmp(&a.step_voxels).then(b.termination.total_cmp(&a.termination)));
+    let key = |q: &Quality| [q.step_voxels, q.style_change, q.termination];
+    settings.sort_by(|a, b| key(b).partial_cmp(&key(a)).unwrap_or(std::cmp::Ordering::Equal));
+    settings.dedup();
+    let mut scene = scene.clone();
+    settings.retain(|quality| {
+        scene.quality = *quality;
+        scene.validate().is_ok()
+    });
     settings
 }
 
@@ -508,7 +512,7 @@ mod tests {
             assert!(pixel.iter().all(|c| (c - value).abs() < 1e-9), "{i}: {pixel:?}");
         }
         // The scene's own quality does not matter.
-        scene.quality = Quality { step_voxels: 7.0, termination: 0.5 };
+        scene.quality = Quality { step_voxels: 7.0, termination: 0.5, ..Quality::FINAL };
         assert_eq!(Converged::of(&scene, [12, 6], &progress).unwrap(), converged);
         let image =
             FloatImage { width: 12, height: 6, pixels: converged.pixels.iter().map(|p| p.map(|c| c as f32)).collect() };
@@ -590,7 +594,7 @@ mod tests {
 
     #[test]
     fn the_default_grid_has_the_named_qualities_once() {
-        let settings = default_settings();
+        let settings = default_settings(&block(|_| 1.0, &[(0.0, 0.2)]));
         for named in [Quality::DRAFT, Quality::STANDARD, Quality::FINAL] {
             assert_eq!(settings.iter().filter(|q| **q == named).count(), 1);
         }

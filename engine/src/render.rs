@@ -4,7 +4,7 @@
 use crate::error::{Error, Result};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::upload::ResidentVolumes;
-use crate::pass::raycast::{RaycastObject, RaycastPass, ShaderPatch};
+use crate::pass::raycast::{FrameUniform, RaycastObject, RaycastPass, ShaderPatch};
 use crate::progress::Progress;
 use crate::scene::{Background, Scene};
 
@@ -26,11 +26,14 @@ pub struct RenderOptions {
     pub tile: u32,
     /// Leap over empty bricks; off only in tests and measurements.
     pub skip_empty: bool,
+    /// Draw only every `stride`-th pixel, across and down, from the one in the middle of the first `stride` on: a sample
+    /// of the picture, of [`sampled_size`] pixels, each bit for bit the picture's.
+    pub stride: u32,
 }
 
 impl Default for RenderOptions {
     fn default() -> Self {
-        Self { tile: 256, skip_empty: true }
+        Self { tile: 256, skip_empty: true, stride: 1 }
     }
 }
 
@@ -41,6 +44,17 @@ pub struct RenderReport {
     pub pipeline: String,
     /// Sentences for the user (voxels without data).
     pub warnings: Vec<String>,
+}
+
+/// Edges of a sample of a picture of `size` pixels; see [`RenderOptions::stride`].
+pub fn sampled_size(size: [u32; 2], stride: u32) -> [u32; 2] {
+    // At least one, however small the picture is.
+    size.map(|n| (n + stride - 1 - offset(n, stride)) / stride)
+}
+
+/// The first pixel of a sample along an edge of `n` pixels.
+fn offset(n: u32, stride: u32) -> u32 {
+    (stride / 2).min(n - 1)
 }
 
 /// The largest edge of a picture.
@@ -55,10 +69,23 @@ pub struct Renderer {
 }
 
 struct TileSlot {
-    target: wgpu::Texture,
-    view: wgpu::TextureView,
+    target: (wgpu::Texture, wgpu::TextureView),
+    /// What rays that take more than one pass are gathered in, by turns with `target`.
+    other: Option<(wgpu::Texture, wgpu::TextureView)>,
     buffer: wgpu::Buffer,
     pending: Option<Pending>,
+}
+
+/// Where a band lies in its picture.
+#[derive(Clone, Copy)]
+struct Place {
+    /// Of the whole picture, in pixels.
+    size: [u32; 2],
+    /// See [`RenderOptions::stride`].
+    stride: u32,
+    /// Largest edge of a tile, and the band's first row, in pixels of the sample.
+    edge: u32,
+    y: u32,
 }
 
 struct Pending {
@@ -96,13 +123,15 @@ impl Renderer {
     pub fn render_bands(
         &mut self,
         scene: &Scene,
-        [width, height]: [u32; 2],
+        size: [u32; 2],
         options: &RenderOptions,
         progress: &Progress,
         mut band: impl FnMut(&[[f32; 4]]) -> Result<()>,
     ) -> Result<RenderReport> {
         scene.validate()?;
-        check_size(width, height)?;
+        check_size(size[0], size[1])?;
+        let stride = options.stride.max(1);
+        let [width, height] = sampled_size(size, stride);
         let mut report = RenderReport { pipeline: String::new(), warnings: Vec::new() };
         let object = match scene.objects.first() {
             None => None,
@@ -136,7 +165,10 @@ impl Renderer {
         let mut slots = match object {
             None => Vec::new(),
             // Two: one is drawn while the other is read.
-            Some(_) => (0..2.min(tiles)).map(|_| self.tile_slot(edge.min(width), edge.min(height))).collect(),
+            Some(_) => {
+                let several = object.as_ref().is_some_and(|o| o.num_passes > 1);
+                (0..2.min(tiles)).map(|_| self.tile_slot(edge.min(width), edge.min(height), several)).collect()
+            }
         };
         let mut rows = vec![[0.0f32; 4]; width as usize * edge.min(height) as usize];
         for y in (0..height).step_by(edge as usize) {
@@ -148,7 +180,9 @@ impl Renderer {
                     progress.advance(u64::from(width.div_ceil(edge)))?;
                 }
                 Some(object) => {
-                    self.draw_band(scene, object, &mut slots, [width, height], edge, y, band_pixels, progress)?;
+                    let frame = self.raycast.frame(scene, object, size);
+                    let place = Place { size, stride, edge, y };
+                    self.draw_band(object, frame, &mut slots, place, band_pixels, progress)?;
                 }
             }
             put_over(scene.background, band_pixels);
@@ -169,74 +203,95 @@ impl Renderer {
         progress: &Progress,
     ) -> Result<FloatImage> {
         check_size(size[0], size[1])?;
-        let mut pixels = Vec::with_capacity(size[0] as usize * size[1] as usize);
+        let [width, height] = sampled_size(size, options.stride.max(1));
+        let mut pixels = Vec::with_capacity(width as usize * height as usize);
         self.render_bands(scene, size, options, progress, |band| {
             pixels.extend_from_slice(band);
             Ok(())
         })?;
-        Ok(FloatImage { width: size[0], height: size[1], pixels })
+        Ok(FloatImage { width, height, pixels })
     }
 
-    fn tile_slot(&self, width: u32, height: u32) -> TileSlot {
-        let target = self.context.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("tile"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: TARGET_FORMAT,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
+    fn tile_slot(&self, width: u32, height: u32, several_passes: bool) -> TileSlot {
+        let target = || {
+            self.context.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some("tile"),
+                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: TARGET_FORMAT,
+                usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                    | wgpu::TextureUsages::COPY_SRC
+                    | wgpu::TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            })
+        };
+        let viewed = |texture: wgpu::Texture| {
+            let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+            (texture, view)
+        };
+        let (target, other) = (viewed(target()), several_passes.then(|| viewed(target())));
         let buffer = self.context.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("tile readback"),
             size: u64::from(row_pitch(width)) * u64::from(height),
             usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
             mapped_at_creation: false,
         });
-        TileSlot { view: target.create_view(&wgpu::TextureViewDescriptor::default()), target, buffer, pending: None }
+        TileSlot { target, other, buffer, pending: None }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "one loop of render_bands, named")]
     fn draw_band(
         &self,
-        scene: &Scene,
         object: &RaycastObject,
+        frame: FrameUniform,
         slots: &mut [TileSlot],
-        [width, height]: [u32; 2],
-        edge: u32,
-        y: u32,
+        Place { size, stride, edge, y }: Place,
         band: &mut [[f32; 4]],
         progress: &Progress,
     ) -> Result<()> {
-        let frame = self.raycast.frame(scene, object, [width, height]);
+        let [width, height] = sampled_size(size, stride);
         let num_slots = slots.len();
         for (i, x) in (0..width).step_by(edge as usize).enumerate() {
             let slot = &mut slots[i % num_slots];
             self.collect(slot, width, band, progress)?;
-            let size = [edge.min(width - x), edge.min(height - y)];
+            let tile = [edge.min(width - x), edge.min(height - y)];
+            let first = [0, 1].map(|i| [x, y][i] * stride + offset(size[i], stride));
+            let frame = frame.for_tile(first, stride);
             let mut encoder = self.context.device.create_command_encoder(&Default::default());
-            self.raycast.draw(&self.context, &mut encoder, object, frame.for_tile([x, y]), &slot.view, size);
+            self.raycast.draw(&self.context, &mut encoder, object, frame, &slot.target.1, tile, None);
+            for pass in 1..object.num_passes {
+                // The uniform of one pass is written over that of the one before: each is submitted by itself.
+                self.context.queue.submit([encoder.finish()]);
+                progress.check()?;
+                encoder = self.context.device.create_command_encoder(&Default::default());
+                if let Some(other) = &mut slot.other {
+                    std::mem::swap(&mut slot.target, other);
+                    let gathered = Some(&other.1);
+                    let frame = frame.for_pass(pass);
+                    self.raycast.draw(&self.context, &mut encoder, object, frame, &slot.target.1, tile, gathered);
+                }
+            }
             encoder.copy_texture_to_buffer(
-                slot.target.as_image_copy(),
+                slot.target.0.as_image_copy(),
                 wgpu::TexelCopyBufferInfo {
                     buffer: &slot.buffer,
                     layout: wgpu::TexelCopyBufferLayout {
                         offset: 0,
-                        bytes_per_row: Some(row_pitch(size[0])),
+                        bytes_per_row: Some(row_pitch(tile[0])),
                         rows_per_image: None,
                     },
                 },
-                wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
+                wgpu::Extent3d { width: tile[0], height: tile[1], depth_or_array_layers: 1 },
             );
             self.context.queue.submit([encoder.finish()]);
             let (sender, mapped) = std::sync::mpsc::channel();
-            let bytes = u64::from(row_pitch(size[0])) * u64::from(size[1]);
+            let bytes = u64::from(row_pitch(tile[0])) * u64::from(tile[1]);
             slot.buffer.map_async(wgpu::MapMode::Read, ..bytes, move |result| {
                 // The receiver is gone only when the picture was given up.
                 let _ = sender.send(result);
             });
-            slot.pending = Some(Pending { x, size, mapped });
+            slot.pending = Some(Pending { x, size: tile, mapped });
         }
         for slot in slots {
             self.collect(slot, width, band, progress)?;

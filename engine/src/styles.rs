@@ -31,6 +31,9 @@ pub struct StyleImage {
     pub size: usize,
     /// Level 0 first, each `(size >> level)²` premultiplied linear RGBA, row 0 = up; the last is one texel.
     pub mips: Vec<Vec<[f32; 4]>>,
+    /// How fast the style changes with the normal: root mean square over the disc of ‖∂c/∂n_xy‖, c being the channel of
+    /// premultiplied linear RGBA that changes fastest there. 0 for a flat style, about 1 for a matte one, 27 for hatching.
+    pub sharpness: f64,
 }
 
 /// What a gallery shows beside the sphere.
@@ -86,14 +89,43 @@ impl StyleImage {
             // Resampled texels beyond the rim mix several directions; give them the rim's color again.
             extend_radially(&mut level, STYLE_SIZE);
         }
-        Ok(Self { name: name.to_owned(), size: STYLE_SIZE, mips: mips_of(level, STYLE_SIZE) })
+        Ok(Self::from_texels(name, level))
     }
 
     /// A style of one color for all directions: premultiplied linear RGBA.
     pub fn flat(name: &str, rgba: [f32; 4]) -> Self {
-        let mips = mips_of(vec![rgba; STYLE_SIZE * STYLE_SIZE], STYLE_SIZE);
-        Self { name: name.to_owned(), size: STYLE_SIZE, mips }
+        Self::from_texels(name, vec![rgba; STYLE_SIZE * STYLE_SIZE])
     }
+
+    fn from_texels(name: &str, texels: Vec<[f32; 4]>) -> Self {
+        let sharpness = sharpness(&texels, STYLE_SIZE);
+        Self { name: name.to_owned(), size: STYLE_SIZE, mips: mips_of(texels, STYLE_SIZE), sharpness }
+    }
+}
+
+/// [`StyleImage::sharpness`] of a style's texels, by central differences.
+fn sharpness(texels: &[[f32; 4]], size: usize) -> f64 {
+    let center = (size as f64 - 1.0) / 2.0;
+    let (mut sum, mut count) = (0.0, 0usize);
+    for row in 1..size - 1 {
+        for column in 1..size - 1 {
+            if (column as f64 - center).hypot(row as f64 - center) > center - 1.0 {
+                continue;
+            }
+            let at = |x: usize, y: usize, channel: usize| f64::from(texels[y * size + x][channel]);
+            let steepest = (0..4)
+                .map(|c| {
+                    let across = at(column + 1, row, c) - at(column - 1, row, c);
+                    let down = at(column, row + 1, c) - at(column, row - 1, c);
+                    across * across + down * down
+                })
+                .fold(0.0, f64::max);
+            sum += steepest;
+            count += 1;
+        }
+    }
+    // Texels per unit of n_xy, over a difference of two texels.
+    (sum / count as f64).sqrt() * center / 2.0
 }
 
 /// Gives every texel outside the disc (|n_xy| > 1) the color of the outermost texel in its direction whose center is in

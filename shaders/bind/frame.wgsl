@@ -3,6 +3,7 @@
 struct Frame {
     // Index-space point of the picture's center on the near plane, and its change per unit of screen x and y.
     near_origin: vec3f,
+    // Length of a piece, in voxels along the ray.
     step_voxels: f32,
     near_dx: vec3f,
     termination: f32,
@@ -16,7 +17,8 @@ struct Frame {
     forward_dx: vec3f,
     footprint_growth: f32,
     forward_dy: vec3f,
-    pad0: f32,
+    // Parts of a piece that shows something.
+    parts: u32,
     // Unit camera axes in the world.
     right: vec3f,
     pad1: f32,
@@ -25,6 +27,10 @@ struct Frame {
     // Size of the whole picture and the first pixel of this tile.
     image_size: vec2u,
     tile_origin: vec2u,
+    // First piece that this pass walks, and the first that it leaves to the next.
+    pieces: vec2u,
+    // Pixels of the picture from one pixel of this target to the next: above 1 for a sample of the picture.
+    stride: vec2u,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;

@@ -31,6 +31,12 @@ struct Object {
     face_y: vec3f,
     node_above: f32,
     face_z: vec3f,
+    // Looks at the style per radian that the normal turns.
+    looks_per_turn: f32,
+    // Coordinate from which on values belong to the upper side of the transfer function's jump; above 1: it has none.
+    jump: f32,
+    pad0: f32,
+    pad1: f32,
     pad2: f32,
 }
 

@@ -27,18 +27,26 @@ fn style_level(depth: f32) -> f32 {
     return log2(max(1.0, frame.footprint + depth * frame.footprint_growth));
 }
 
-// Premultiplied color and α_d of a node coordinate at a sample with gradient ĝ. `face`: normal of the box's face and
-// its weight.
-fn shade(node: f32, g: vec3f, face: vec4f, ray: vec3f, axes: Axes, level: f32) -> vec4f {
-    let magnitude = max(length(g), face.w * SHARP_SURFACE);
-    // Outward: towards lower values. Towards the eye: the whole vector, not only its depth.
+// Outward normal (towards lower values, or out of a face of the box), as long as there is a surface: 1 where there is
+// one, 0 where there is none. In between it moves out from the style's center: a threshold would show noise as specks.
+// `face`: normal of the box's face and its weight.
+fn surface_normal(g: vec3f, face: vec4f) -> vec3f {
     let blend = mix(-g / max(length(g), 1e-30), face.xyz, face.w);
-    let outward = blend / max(length(blend), 1e-30);
+    return smoothstep(NO_SURFACE, SURFACE, steepness(g, face)) / max(length(blend), 1e-30) * blend;
+}
+
+// ‖ĝ‖, or what a face of the volume makes of it: a face is a sharp surface.
+fn steepness(g: vec3f, face: vec4f) -> f32 {
+    return max(length(g), face.w * SHARP_SURFACE);
+}
+
+// Premultiplied color and α_d of a node coordinate at a sample with gradient ĝ near a face.
+fn shade(node: f32, g: vec3f, face: vec4f, ray: vec3f, axes: Axes, level: f32) -> vec4f {
+    let outward = surface_normal(g, face);
+    // Towards the eye: the whole vector, not only its depth.
     let n = select(outward, -outward, dot(outward, ray) > 0.0);
-    // In between the normal moves out from the style's center: a threshold would show the noise as specks.
-    let presence = smoothstep(NO_SURFACE, SURFACE, magnitude);
-    let uv = style_uv(presence * vec2f(dot(n, axes.right), dot(n, axes.up)));
-    let blurred = level + NOISE_LEVELS * (1.0 - smoothstep(0.0, SHARP_SURFACE, magnitude));
+    let uv = style_uv(vec2f(dot(n, axes.right), dot(n, axes.up)));
+    let blurred = level + NOISE_LEVELS * (1.0 - smoothstep(0.0, SHARP_SURFACE, steepness(g, face)));
     // Rounding must not reach past the outermost nodes.
     let within = clamp(node, 0.0, object.last_node);
     let first = floor(within);

@@ -4,7 +4,7 @@
 // `ends`: front and back, 0 … 1 from the first entry's center to the last one's.
 fn look_up(ends: vec2f) -> vec4f {
     let last = vec2i(textureDimensions(transfer_function)) - 1;
-    let x = ends * vec2f(last);
+    let x = table_place(ends);
     let i = vec2i(x);
     let w = x - vec2f(i);
     let j = min(i + 1, last);

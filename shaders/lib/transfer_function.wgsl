@@ -3,6 +3,12 @@
 #import bind/object
 #import {table}
 
+// Place in the table, in entries, of coordinates 0 … 1. A jump of the transfer function has an entry for either side.
+fn table_place(x: vec2f) -> vec2f {
+    let cells = f32(textureDimensions(transfer_function).x - 2u);
+    return x * cells + select(vec2f(0.0), vec2f(1.0), x >= vec2f(object.jump));
+}
+
 // Sums over the piece: κ̄, κ̄·ū and κ̄·w̄. ū: node coordinate (i + w: w of the way from node i to i + 1); w̄: where in the
 // piece it is seen, 0 = front.
 struct Piece {

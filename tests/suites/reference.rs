@@ -111,7 +111,8 @@ fn the_specimen_draws_what_the_equations_say() {
 
 /// What is planted, and the scene that must notice.
 fn planted(name: &str, patch: ShaderPatch, nodes: &[(f64, &'static str, f64)]) {
-    let scene = phantom::scene(&lumpy(), nodes, Quality::STANDARD);
+    // Half a voxel a step: there a wrong step shows more than at a finer one.
+    let scene = phantom::scene(&lumpy(), nodes, Quality::balanced(0.5));
     let mut healthy = renderer();
     compare(&mut healthy, &scene).unwrap_or_else(|e| panic!("without the defect: {e}"));
     let mut broken = Renderer::with_patched_shaders(software(), patch);
@@ -174,4 +175,11 @@ fn a_half_sample_shift_is_noticed() {
 #[test]
 fn a_leap_too_far_is_noticed() {
     planted("leap", |t| replace(&t, "i32(distance) - 1;", "i32(distance) + 1;"), OPAQUE);
+}
+
+#[test]
+fn a_normal_that_is_looked_at_only_once_is_noticed() {
+    // Hatching, translucent: many lines of it pass within one part.
+    const HATCHED: &[(f64, &str, f64)] = &[(150.0, "engraving", 0.0), (700.0, "engraving", 0.2)];
+    planted("one look", |t| replace(&t, "1.0, f32(MAX_LOOKS)", "1.0, 1.0"), HATCHED);
 }

@@ -71,7 +71,8 @@ fn every_shader_module_is_used() {
 
 /// Offset and name of each member of a struct, from the shader's own layout.
 fn shader_layout(name: &str) -> (u32, Vec<(u32, String)>) {
-    let module = parse(&RaycastKey { filtered: true, table_filtered: true, no_data: false }.wgsl().unwrap());
+    let module =
+        parse(&RaycastKey { filtered: true, table_filtered: true, no_data: false, resumed: false }.wgsl().unwrap());
     for (_, ty) in module.types.iter() {
         if ty.name.as_deref() == Some(name)
             && let naga::TypeInner::Struct { members, span } = &ty.inner

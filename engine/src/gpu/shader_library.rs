@@ -16,6 +16,7 @@ macro_rules! modules {
 pub const MODULES: &[(&str, &str)] = modules![
     "bind/frame",
     "bind/object",
+    "bind/resume",
     "bind/validity",
     "lib/composite",
     "lib/face",
@@ -23,6 +24,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/gradient",
     "lib/opacity",
     "lib/ray",
+    "lib/resume_none",
     "lib/sample_filtered",
     "lib/sample_loads",
     "lib/skip",
@@ -43,20 +45,28 @@ pub struct RaycastKey {
     pub table_filtered: bool,
     /// The volume has voxels that are no number.
     pub no_data: bool,
+    /// The pass goes on where another one had to stop.
+    pub resumed: bool,
 }
 
 impl std::fmt::Display for RaycastKey {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(if self.filtered { "raycast filtered" } else { "raycast loads" })?;
         f.write_str(if self.table_filtered { "" } else { " table_loads" })?;
-        if self.no_data { f.write_str(" no_data") } else { Ok(()) }
+        f.write_str(if self.no_data { " no_data" } else { "" })?;
+        f.write_str(if self.resumed { " resumed" } else { "" })
     }
 }
 
 impl RaycastKey {
     /// Every key there is.
     pub fn all() -> impl Iterator<Item = Self> {
-        (0..8).map(|bits| Self { filtered: bits & 1 == 0, table_filtered: bits & 2 == 0, no_data: bits & 4 != 0 })
+        (0..16).map(|bits| Self {
+            filtered: bits & 1 == 0,
+            table_filtered: bits & 2 == 0,
+            no_data: bits & 4 != 0,
+            resumed: bits & 8 != 0,
+        })
     }
 
     /// The WGSL text for this key.
@@ -68,6 +78,7 @@ impl RaycastKey {
             "sampling" => Some(if self.filtered { "lib/sample_filtered" } else { "lib/sample_loads" }),
             "table" => Some(if self.table_filtered { "lib/table_filtered" } else { "lib/table_loads" }),
             "no_data" => Some(if self.no_data { "bind/validity" } else { "lib/validity_all" }),
+            "resume" => Some(if self.resumed { "bind/resume" } else { "lib/resume_none" }),
             _ => None,
         })
     }

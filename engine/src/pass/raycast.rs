@@ -47,13 +47,15 @@ pub struct FrameUniform {
     forward_dx: [f32; 3],
     footprint_growth: f32,
     forward_dy: [f32; 3],
-    pad0: f32,
+    parts: u32,
     right: [f32; 3],
     pad1: f32,
     up: [f32; 3],
     pad2: f32,
     image_size: [u32; 2],
     tile_origin: [u32; 2],
+    pieces: [u32; 2],
+    stride: [u32; 2],
 }
 }
 
@@ -81,6 +83,10 @@ pub struct ObjectUniform {
     face_y: [f32; 3],
     node_above: f32,
     face_z: [f32; 3],
+    looks_per_turn: f32,
+    jump: f32,
+    pad0: f32,
+    pad1: f32,
     pad2: f32,
 }
 }
@@ -104,7 +110,7 @@ impl FrameUniform {
         let voxel = grid.spacing_mm().min_element();
         Self {
             near_origin: grid.index_from_world().transform_point3(near_center).as_vec3().to_array(),
-            step_voxels: quality.step_voxels as f32,
+            step_voxels: quality.piece_voxels() as f32,
             near_dx: to_index(plane * camera.right),
             termination: quality.termination as f32,
             near_dy: to_index(plane * camera.up),
@@ -114,20 +120,32 @@ impl FrameUniform {
             forward_dx: (spread * camera.right).as_vec3().to_array(),
             footprint_growth: (growth / voxel) as f32,
             forward_dy: (spread * camera.up).as_vec3().to_array(),
-            pad0: 0.0,
+            parts: quality.parts(),
             right: camera.right.as_vec3().to_array(),
             pad1: 0.0,
             up: camera.up.as_vec3().to_array(),
             pad2: 0.0,
             image_size,
             tile_origin: [0, 0],
+            pieces: [0, quality.pieces_per_pass()],
+            stride: [1, 1],
         }
     }
 
-    /// The same frame for the tile whose first pixel is `tile_origin`.
+    /// The same frame for the tile whose first pixel is `tile_origin`, and of whose pixels only every `stride`-th is drawn,
+    /// across and down.
     #[must_use]
-    pub fn for_tile(mut self, tile_origin: [u32; 2]) -> Self {
+    pub fn for_tile(mut self, tile_origin: [u32; 2], stride: u32) -> Self {
         self.tile_origin = tile_origin;
+        self.stride = [stride; 2];
+        self
+    }
+
+    /// The same frame for pass `pass` of those that long rays need.
+    #[must_use]
+    pub fn for_pass(mut self, pass: u32) -> Self {
+        let length = self.pieces[1] - self.pieces[0];
+        self.pieces = [pass * length, (pass + 1) * length];
         self
     }
 }
@@ -139,6 +157,8 @@ pub struct RaycastObject {
     pub key: RaycastKey,
     bind_group: wgpu::BindGroup,
     grid: Grid,
+    /// Passes that its longest ray needs, one after the other.
+    pub num_passes: u32,
 }
 
 #[derive(Debug)]
@@ -153,6 +173,7 @@ pub struct RaycastPass {
     frame_layout: wgpu::BindGroupLayout,
     frame_buffer: wgpu::Buffer,
     frame_group: wgpu::BindGroup,
+    resume_layout: wgpu::BindGroupLayout,
     pipelines: HashMap<RaycastKey, Pipeline>,
     styles: Option<(Vec<Arc<StyleImage>>, wgpu::TextureView)>,
     looks: Vec<Look>,
@@ -188,6 +209,11 @@ impl RaycastPass {
             label: Some("frame"),
             entries: &[entry(0, uniform_binding())],
         });
+        let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
+        let resume_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("resume"),
+            entries: &[entry(0, texture_binding(unfilterable, wgpu::TextureViewDimension::D2))],
+        });
         let frame_buffer = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("frame"),
             size: size_of::<FrameUniform>() as u64,
@@ -203,6 +229,7 @@ impl RaycastPass {
             frame_layout,
             frame_buffer,
             frame_group,
+            resume_layout,
             pipelines: HashMap::new(),
             styles: None,
             looks: Vec::new(),
@@ -227,15 +254,16 @@ impl RaycastPass {
             filtered: resident.filtered,
             table_filtered: context.formats.r32_filterable,
             no_data: resident.validity.is_some(),
+            resumed: false,
         };
         let device = &context.device;
         let volume = &object.volume;
         let grid = volume.grid;
         let lengths = usual_length(scene, object);
-        let leaps = skip_empty && scene.quality.step_voxels <= MAX_SKIP_STEP;
+        let leaps = skip_empty && scene.quality.piece_voxels() <= MAX_SKIP_STEP;
         let Look { table, transfer_function, skip_map, .. } = self.look(context, object, resident, lengths, leaps);
 
-        let uniform = object_uniform(object, resident, &table);
+        let uniform = object_uniform(scene, object, resident, &table);
         let uniform = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("object"),
             contents: bytemuck::bytes_of(&uniform),
@@ -265,6 +293,12 @@ impl RaycastPass {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
+        let diagonal = DVec3::from_array(grid.dims().map(|n| n as f64)).length();
+        let num_pieces = (diagonal / scene.quality.piece_voxels()).ceil() as u32 + 1;
+        let num_passes = num_pieces.div_ceil(scene.quality.pieces_per_pass());
+        if num_passes > 1 {
+            self.pipeline(context, RaycastKey { resumed: true, ..key })?;
+        }
         let pipeline = self.pipeline(context, key)?;
         let mut entries = vec![
             wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
@@ -283,7 +317,7 @@ impl RaycastPass {
             layout: &pipeline.object_layout,
             entries: &entries,
         });
-        Ok(RaycastObject { key, bind_group, grid })
+        Ok(RaycastObject { key, bind_group, grid, num_passes })
     }
 
     /// The frame uniform for an object, before it is narrowed to a tile.
@@ -291,7 +325,9 @@ impl RaycastPass {
         FrameUniform::new(&scene.camera, &object.grid, &scene.quality, image_size)
     }
 
-    /// Records the drawing of one tile into the lower-index corner of `target`.
+    /// Records the drawing of one tile into the lower-index corner of `target`. `gathered`: what the passes before have
+    /// drawn of it, in all but the first.
+    #[expect(clippy::too_many_arguments, reason = "a draw call, spelled out")]
     pub fn draw(
         &self,
         context: &GpuContext,
@@ -300,6 +336,7 @@ impl RaycastPass {
         frame: FrameUniform,
         target: &wgpu::TextureView,
         size: [u32; 2],
+        gathered: Option<&wgpu::TextureView>,
     ) {
         context.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&frame));
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -315,9 +352,18 @@ impl RaycastPass {
             })],
             ..Default::default()
         });
-        pass.set_pipeline(&self.pipelines[&object.key].pipeline);
+        let key = RaycastKey { resumed: gathered.is_some(), ..object.key };
+        pass.set_pipeline(&self.pipelines[&key].pipeline);
         pass.set_bind_group(0, &self.frame_group, &[]);
         pass.set_bind_group(1, &object.bind_group, &[]);
+        if let Some(gathered) = gathered {
+            let group = context.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("resume"),
+                layout: &self.resume_layout,
+                entries: &[texture_entry(0, gathered)],
+            });
+            pass.set_bind_group(2, &group, &[]);
+        }
         pass.set_viewport(0.0, 0.0, size[0] as f32, size[1] as f32, 0.0, 1.0);
         pass.set_scissor_rect(0, 0, size[0], size[1]);
         pass.draw(0..3, 0..1);
@@ -325,7 +371,7 @@ impl RaycastPass {
 
     fn pipeline(&mut self, context: &GpuContext, key: RaycastKey) -> Result<&Pipeline> {
         if !self.pipelines.contains_key(&key) {
-            let made = make_pipeline(context, &self.frame_layout, key, self.patch)?;
+            let made = make_pipeline(context, [&self.frame_layout, &self.resume_layout], key, self.patch)?;
             self.pipelines.insert(key, made);
         }
         Ok(&self.pipelines[&key])
@@ -412,7 +458,7 @@ fn usual_length(scene: &Scene, object: &Object) -> f64 {
     ((length.log2() * 64.0).round() / 64.0).exp2()
 }
 
-fn object_uniform(object: &Object, resident: &ResidentVolume, table: &TransferTable) -> ObjectUniform {
+fn object_uniform(scene: &Scene, object: &Object, resident: &ResidentVolume, table: &TransferTable) -> ObjectUniform {
     let grid = &object.volume.grid;
     let column = |v: DVec3| v.as_vec3().to_array();
     let to_index = grid.index_from_world().matrix3;
@@ -443,13 +489,17 @@ fn object_uniform(object: &Object, resident: &ResidentVolume, table: &TransferTa
         face_y: column(faces.y_axis.normalize()),
         node_above: table.outer_node[1] as f32,
         face_z: column(faces.z_axis.normalize()),
+        looks_per_turn: (1.0 / scene.largest_turn(object)) as f32,
+        jump: table.jump as f32,
+        pad0: 0.0,
+        pad1: 0.0,
         pad2: 0.0,
     }
 }
 
 fn make_pipeline(
     context: &GpuContext,
-    frame_layout: &wgpu::BindGroupLayout,
+    [frame_layout, resume_layout]: [&wgpu::BindGroupLayout; 2],
     key: RaycastKey,
     patch: Option<ShaderPatch>,
 ) -> Result<Pipeline> {
@@ -493,9 +543,10 @@ fn make_pipeline(
         }
         let object_layout = device
             .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("object"), entries: &entries });
+        let layouts = [Some(frame_layout), Some(&object_layout), Some(resume_layout)];
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("raycast"),
-            bind_group_layouts: &[Some(frame_layout), Some(&object_layout)],
+            bind_group_layouts: &layouts[..if key.resumed { 3 } else { 2 }],
             immediate_size: 0,
         });
         let pipeline = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {

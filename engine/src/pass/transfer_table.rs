@@ -4,11 +4,14 @@
 use rayon::prelude::*;
 
 use crate::gpu::upload::Encoding;
-use crate::scene::StyleTransferFunction;
+use crate::scene::{StyleTransferFunction, TransferFunctionNode};
 use crate::volume::Rescale;
 
 /// Entries along each axis of the table.
 pub const TABLE_SIZE: usize = 256;
+/// Cells between them, along each axis: a jump of the transfer function takes two entries, one for either side, and what
+/// lies between those two is never read. (Without a jump the last entry is not used.)
+const CELLS: usize = TABLE_SIZE - 2;
 /// κ of a material that hides everything (α_u ≥ 1 − 2⁻²⁴), per reference length: a quarter of it is opaque in f32, and a
 /// table with larger numbers in it would be interpolated badly beside them.
 const OPAQUE_EXTINCTION: f64 = 64.0;
@@ -26,6 +29,9 @@ pub struct TransferTable {
     pub first: f64,
     /// Coordinate (0 … 1 from first to last entry) per texel unit; negative under a negative rescale slope.
     pub scale: f64,
+    /// Coordinate from which on values belong to the upper side of the jump, a little below it, so that rounding takes no
+    /// value on the jump to its lower side; above 1 where there is none.
+    pub jump: f64,
     /// κ of values below and above the table, where its ends go on.
     pub outer_extinction: [f64; 2],
     /// w̄ of a whole piece of either.
@@ -46,12 +52,17 @@ impl TransferTable {
         data: (f64, f64),
         lengths: f64,
     ) -> Self {
-        let (low, high) = domain(function, data);
+        let Domain { low, high, jump } = domain(function, data);
         let integrals = Integrals::new(function, low, high);
         let entries = (0..TABLE_SIZE * TABLE_SIZE)
             .into_par_iter()
             .map(|i| {
-                let at = |n: usize| n as f64 / (TABLE_SIZE - 1) as f64;
+                let at = |n: usize| match jump {
+                    // Just below the jump, for pieces that lie on it with both ends.
+                    Some(jump) if n == jump => (n as f64 - 1e-4) / CELLS as f64,
+                    Some(jump) if n > jump => (n - 1) as f64 / CELLS as f64,
+                    _ => n.min(CELLS) as f64 / CELLS as f64,
+                };
                 integrals.piece(at(i % TABLE_SIZE), at(i / TABLE_SIZE), lengths)
             })
             .collect();
@@ -62,11 +73,18 @@ impl TransferTable {
         }));
         let texel = |value: f64| encoding.texel((value - rescale.intercept) / rescale.slope);
         let ends = [low, high].map(|value| function.classify(value));
+        let scale = rescale.slope / (encoding.scale * (high - low));
+        let jump = jump.map_or(2.0, |n| {
+            let place = n as f64 / CELLS as f64;
+            let texel = texel(low + place * (high - low));
+            place - 1e-7 - 2.5e-7 * (texel * scale).abs()
+        });
         let outer_extinction = ends.map(|end| extinction(end.opacity));
         Self {
             entries,
             first: texel(low),
-            scale: rescale.slope / (encoding.scale * (high - low)),
+            scale,
+            jump,
             outer_extinction,
             outer_middle: outer_extinction.map(|kappa| middle_of_constant(kappa * lengths)),
             outer_node: ends.map(|end| end.node),
@@ -83,7 +101,7 @@ impl TransferTable {
             return true;
         }
         // The table's neighbors on both sides, and a little for f32.
-        let cells = (TABLE_SIZE - 1) as f64;
+        let cells = CELLS as f64;
         let fine = |x: f64| x / cells * FINE as f64;
         let from = fine((a * cells - 1e-2).floor()).floor().clamp(0.0, FINE as f64) as usize;
         let to = fine((b * cells + 1e-2).ceil()).ceil().clamp(0.0, FINE as f64) as usize;
@@ -104,7 +122,7 @@ fn middle_of_constant(depth: f64) -> f64 {
 
 /// The values that the table covers: around the nodes, but nothing that the data do not reach, so that a node at 1e9
 /// ("and above") costs no resolution where the data are.
-fn domain(function: &StyleTransferFunction, data: (f64, f64)) -> (f64, f64) {
+fn domain(function: &StyleTransferFunction, data: (f64, f64)) -> Domain {
     let (first, last) = (function.nodes[0].value, function.nodes[function.nodes.len() - 1].value);
     let (low, high) = (first.clamp(data.0, data.1), last.clamp(data.0, data.1));
     let size = low.abs().max(high.abs());
@@ -119,17 +137,30 @@ fn domain(function: &StyleTransferFunction, data: (f64, f64)) -> (f64, f64) {
     // Never less than a few cells beyond the nodes, so that a jump at an outermost node keeps both of its sides.
     let margin = |room: f64| room.clamp(3.0 * span / TABLE_SIZE as f64, 0.25 * span);
     let (low, high) = (low - margin(low - data.0), high + margin(data.1 - high));
-    // An entry on the value where it matters most that nothing is smeared: a jump, else the foot of the first slope.
+    // An entry on the value where it matters most that nothing is smeared: the first jump, else the foot of the first slope.
     let nodes = function.nodes.windows(2);
     let jump =
         nodes.clone().find(|w| w[0].value == w[1].value && (w[0].opacity, w[0].style) != (w[1].opacity, w[1].style));
     let foot = nodes.clone().find(|w| w[0].opacity == 0.0 && w[1].opacity > 0.0);
-    let cell = (high - low) / (TABLE_SIZE - 2) as f64;
-    let aligned = match jump.or(foot).map(|w| w[0].value).filter(|v| (low..=high).contains(v)) {
-        Some(value) => value - ((value - low) / cell).ceil() * cell,
-        None => low,
+    let cell = (high - low) / (CELLS - 1) as f64;
+    let place = |w: &[TransferFunctionNode]| Some(w[0].value).filter(|v| (low..=high).contains(v));
+    let jump = jump.and_then(place);
+    let (low, jump) = match jump.or(foot.and_then(place)) {
+        Some(value) => {
+            let n = ((value - low) / cell).ceil();
+            (value - n * cell, jump.map(|_| n as usize))
+        }
+        None => (low, None),
     };
-    (aligned, aligned + (TABLE_SIZE - 1) as f64 * cell)
+    Domain { low, high: low + CELLS as f64 * cell, jump }
+}
+
+/// The values that a table covers.
+struct Domain {
+    low: f64,
+    high: f64,
+    /// The entry of the lower side of a jump; the next one is that of its upper side.
+    jump: Option<usize>,
 }
 
 /// Running integrals, over the domain mapped to 0 … 1, of κ and of κ × node coordinate.
@@ -215,7 +246,6 @@ impl Integrals {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::TransferFunctionNode;
 
     const PLAIN: Encoding = Encoding { offset: 0.0, scale: 1.0 };
 
@@ -225,7 +255,10 @@ mod tests {
     }
 
     fn entry(table: &TransferTable, front: f64, back: f64) -> [f32; 4] {
-        let index = |v: f64| ((v - table.first) * table.scale * (TABLE_SIZE - 1) as f64).round() as usize;
+        let index = |v: f64| {
+            let x = (v - table.first) * table.scale;
+            (x * CELLS as f64).round() as usize + usize::from(x >= table.jump)
+        };
         table.entries[index(front) + TABLE_SIZE * index(back)]
     }
 
@@ -233,7 +266,7 @@ mod tests {
     fn a_step_counts_by_the_length_behind_it() {
         let table =
             TransferTable::new(&function(&[(100.0, 0.0), (100.0, 0.5)]), Rescale::IDENTITY, PLAIN, (0.0, 1e6), 1e-9);
-        let cell = 1.0 / (table.scale * (TABLE_SIZE - 1) as f64);
+        let cell = 1.0 / (table.scale * CELLS as f64);
         for (front, back, share, middle) in [(-40.0, 80.0, 2.0 / 3.0, 2.0 / 3.0), (60.0, -60.0, 0.5, 0.25)] {
             let [kappa, node, w, _] = entry(&table, 100.0 + front * cell, 100.0 + back * cell);
             let expected = share * 2f32.ln();
@@ -272,7 +305,6 @@ mod tests {
 mod against_quadrature {
     use super::*;
     use crate::reference::piece::classify_piece;
-    use crate::scene::TransferFunctionNode;
 
     /// `classify_piece` of the shader, in f64.
     fn look_up(table: &TransferTable, front: f64, back: f64) -> [f64; 3] {
@@ -285,7 +317,8 @@ mod against_quadrature {
             (p.min(q).clamp(0.0, 1.0), p.max(q).clamp(0.0, 1.0))
         };
         let inside = leave - enter;
-        let ends = [a + enter * way, a + leave * way].map(|x| x.clamp(0.0, 1.0) * (TABLE_SIZE - 1) as f64);
+        let place = |x: f64| x * CELLS as f64 + f64::from(u8::from(x >= table.jump));
+        let ends = [a + enter * way, a + leave * way].map(|x| place(x.clamp(0.0, 1.0)));
         let cell = ends.map(|x| (x as usize).min(TABLE_SIZE - 2));
         let w = [ends[0] - cell[0] as f64, ends[1] - cell[1] as f64];
         let entry =

@@ -29,7 +29,7 @@ use crate::volume::no_data::fill_no_data;
 use crate::with_voxels;
 use ray::ray_from_pixel;
 use sample::{Lattice, gradient_max, gradient_volume};
-use walk::{Classify, Prepared};
+use walk::Prepared;
 
 /// Data values beyond this, of either sign, would overflow the squares of their gradients.
 const LARGEST_VALUE: f64 = 1e100;
@@ -83,8 +83,7 @@ impl<'a> Reference<'a> {
         assert!(step_voxels > 0.0, "a step of {step_voxels} voxels never ends");
         let Some(object) = &self.object else { return March::default() };
         let ray = ray_from_pixel(&self.scene.camera, image_size, x, y);
-        let settings = (step_voxels, termination);
-        walk::march(object, &self.scene.camera, image_size[1], &ray, settings, Classify::Middle)
+        walk::march(object, &self.scene.camera, image_size[1], &ray, step_voxels, termination)
     }
 
     /// The whole picture, row by row from the top, with the scene's quality: premultiplied linear RGBA without the
@@ -113,14 +112,16 @@ impl<'a> Reference<'a> {
         })
     }
 
-    /// The raycaster's twin: the whole picture with the scene's quality and pieces classified by their ends, as the GPU
-    /// does at the same step. Same result and errors as [`Reference::image`], which is the truth and not the twin.
+    /// The raycaster's twin: the whole picture with the scene's quality, in pieces that are classified, cut and looked at
+    /// as the GPU does with the same settings. Same result and errors as [`Reference::image`], which is the truth and not
+    /// the twin.
     pub fn twin(&self, image_size: [u32; 2], progress: &Progress) -> Result<Vec<[f64; 4]>> {
-        let settings = (self.scene.quality.step_voxels, self.scene.quality.termination);
-        self.rows(image_size, settings.0, progress, |x, y| {
+        let quality = &self.scene.quality;
+        let largest_turn = self.scene.objects.first().map_or(f64::INFINITY, |o| self.scene.largest_turn(o));
+        self.rows(image_size, quality.step_voxels, progress, |x, y| {
             let Some(object) = &self.object else { return [0.0; 4] };
             let ray = ray_from_pixel(&self.scene.camera, image_size, x, y);
-            walk::march(object, &self.scene.camera, image_size[1], &ray, settings, Classify::Ends).rgba
+            walk::march_pieces(object, &self.scene.camera, image_size[1], &ray, quality, largest_turn).rgba
         })
     }
 
@@ -385,7 +386,7 @@ mod tests {
             let object = start.prepared().unwrap();
             let mut ray = ray_from_pixel(&scene.camera, [999, 999], 499, 499);
             ray.t_min = 9.0 + 8.0;
-            let rgba = walk::march(object, &scene.camera, 999, &ray, (0.5, WHEN_OPAQUE), Classify::Middle).rgba;
+            let rgba = walk::march(object, &scene.camera, 999, &ray, 0.5, WHEN_OPAQUE).rgba;
             let n_x = -g_x / g_x.hypot(2.0);
             assert!((rgba[0] - (0.5 + 0.5 * n_x)).abs() < 1e-6 && (rgba[1] - 0.5).abs() < 1e-6, "{sigma}: {rgba:?}");
         }
@@ -418,7 +419,7 @@ mod tests {
                 let blur = 1.0 - (1.0 / object.gradient_max / 0.02).min(1.0);
                 // 1 − smoothstep(s) = smoothstep(1 − s).
                 let level = 3.0 * blur * blur * (3.0 - 2.0 * blur);
-                (walk::march(object, &scene.camera, rows, &ray, (0.5, WHEN_OPAQUE), Classify::Middle).rgba[0], level)
+                (walk::march(object, &scene.camera, rows, &ray, 0.5, WHEN_OPAQUE).rgba[0], level)
             };
             for projection in [
                 Projection::Orthographic { height_mm: 1.5 * 101.0 },
@@ -458,7 +459,7 @@ mod tests {
             let mut ray = ray_from_pixel(&scene.camera, [33, 11], x, 5);
             ray.t_min = 26.0 * across.hypot(1.0);
             let object = reference.prepared().unwrap();
-            let rgba = walk::march(object, &scene.camera, 11, &ray, (0.5, WHEN_OPAQUE), Classify::Middle).rgba;
+            let rgba = walk::march(object, &scene.camera, 11, &ray, 0.5, WHEN_OPAQUE).rgba;
             let depth = 26.0 + 0.25 / across.hypot(1.0);
             let expected = style::sample_style(&style, [0.5, 0.5], 3.0 + (2.0 * h * depth / 11.0).log2());
             assert!((rgba[0] - expected[0]).abs() < 1e-9, "{x}: {rgba:?} {expected:?}");

@@ -101,16 +101,21 @@ pub fn face_normal(grid: &Grid, p: DVec3) -> Face {
     Face { normal: normal.normalize_or_zero(), weight }
 }
 
-/// n_xy: the right and up components, in the ray's frame, of the unit normal that faces the viewer. (0, 0) where there
-/// is no surface, and shorter than that where there is hardly one. `gradient` = ĝ, in the world.
-pub fn style_normal(gradient: DVec3, face: Face, direction: DVec3, frame: &RayFrame) -> [f64; 2] {
+/// Outward normal of the surface at a sample, unit where there is one, 0 where there is none, and shorter than 1 where
+/// there is hardly one. `gradient` = ĝ, in the world.
+pub fn surface_normal(gradient: DVec3, face: Face) -> DVec3 {
     let outward = -gradient.normalize_or_zero();
     let outward = (outward + face.weight * (face.normal - outward)).normalize_or_zero();
+    let x = ((steepness(gradient, face) - NO_SURFACE) / (SURFACE - NO_SURFACE)).clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x) * outward
+}
+
+/// n_xy: the right and up components, in the ray's frame, of the surface normal, turned towards the viewer.
+pub fn style_normal(gradient: DVec3, face: Face, direction: DVec3, frame: &RayFrame) -> [f64; 2] {
+    let outward = surface_normal(gradient, face);
     // v = −direction. The whole vector is turned: the style's picture is the same for either side of a surface.
     let facing = if outward.dot(-direction) >= 0.0 { outward } else { -outward };
-    let x = ((steepness(gradient, face) - NO_SURFACE) / (SURFACE - NO_SURFACE)).clamp(0.0, 1.0);
-    let presence = x * x * (3.0 - 2.0 * x);
-    [presence * facing.dot(frame.right), presence * facing.dot(frame.up)]
+    [facing.dot(frame.right), facing.dot(frame.up)]
 }
 
 /// ‖ĝ‖, or what a face of the volume makes of it: a face is a sharp surface.

@@ -8,8 +8,11 @@ use super::opacity::opacity_correct;
 use super::piece::classify_piece;
 use super::ray::{Ray, samples};
 use super::sample::{Lattice, gradient_at, sample_volume};
-use super::style::{at_node, classify, face_normal, ray_frame, shade, steepness, style_level, style_normal};
-use crate::scene::{Camera, StyleTransferFunction};
+use super::style::{
+    Classification, RayFrame, at_node, classify, face_normal, ray_frame, shade, steepness, style_level, style_normal,
+    surface_normal,
+};
+use crate::scene::{Camera, Quality, StyleTransferFunction};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
 
@@ -51,77 +54,156 @@ pub fn composite(front: [f64; 4], back: [f64; 4]) -> [f64; 4] {
     std::array::from_fn(|c| front[c] + clear * back[c])
 }
 
-/// How a piece of a ray is classified.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Classify {
-    /// By its middle: the model itself, true in the limit of short pieces.
-    Middle,
-    /// By both of its ends (docs/rendering.md §5): what the raycaster does at its step.
-    Ends,
+/// One ray through an object: all that its samples share.
+struct Line<'a> {
+    object: &'a Prepared<'a>,
+    camera: &'a Camera,
+    image_height: u32,
+    ray: &'a Ray,
+    frame: RayFrame,
+    smallest_spacing_mm: f64,
+    origin: DVec3,
+    direction: DVec3,
 }
 
-/// Marches `ray` through the object, in steps of `step_voxels` > 0 voxels along it. It ends when its transmittance falls
-/// below `termination` (0: never). `image_height` in pixels sets the styles' mip level.
+impl<'a> Line<'a> {
+    fn new(object: &'a Prepared<'a>, camera: &'a Camera, image_height: u32, ray: &'a Ray) -> Self {
+        Self {
+            object,
+            camera,
+            image_height,
+            ray,
+            frame: ray_frame(camera, ray.direction),
+            smallest_spacing_mm: object.grid.spacing_mm().min_element(),
+            origin: object.grid.index_from_world().transform_point3(ray.origin_mm),
+            direction: object.grid.index_from_world().matrix3 * ray.direction,
+        }
+    }
+
+    /// Index position at `t` mm.
+    fn at(&self, t: f64) -> DVec3 {
+        self.origin + t * self.direction
+    }
+
+    fn value(&self, t: f64) -> f64 {
+        sample_volume(&self.object.data, self.at(t))
+    }
+
+    /// ĝ at `t`.
+    fn gradient(&self, t: f64) -> DVec3 {
+        let object = self.object;
+        gradient_at(&object.gradient_volume, object.world_gradient_from_index, self.at(t)) / object.gradient_max
+    }
+
+    /// Color and opacity of a stretch of `lengths` reference lengths that is seen at `t`, composited under `result`.
+    fn see(&self, result: &mut March, t: f64, class: &Classification, gradient: DVec3, lengths: f64) {
+        if class.opacity <= 0.0 {
+            return;
+        }
+        let p = self.at(t);
+        let has_data = self.object.validity.as_ref().map_or(1.0, |validity| sample_volume(validity, p));
+        let face = face_normal(&self.object.grid, p);
+        let n_xy = style_normal(gradient, face, self.ray.direction, &self.frame);
+        let depth_mm = (self.ray.origin_mm + t * self.ray.direction - self.camera.eye_mm).dot(self.camera.forward);
+        let steepness = steepness(gradient, face);
+        let level = style_level(self.camera, self.image_height, depth_mm, self.smallest_spacing_mm, steepness);
+        let ([red, green, blue], alpha_d) = shade(self.object.styles, class, n_xy, level);
+        let alpha = opacity_correct(alpha_d * class.opacity * has_data, lengths);
+        if alpha > 0.0 {
+            result.num_visible += 1;
+            result.rgba = composite(result.rgba, [alpha * red, alpha * green, alpha * blue, alpha]);
+        }
+    }
+}
+
+/// Marches `ray` through the object, in steps of `step_voxels` > 0 voxels along it: the model itself, true in the limit
+/// of short steps. It ends when its transmittance falls below `termination` (0: never). `image_height` in pixels sets the
+/// styles' mip level.
 pub fn march(
     object: &Prepared<'_>,
     camera: &Camera,
     image_height: u32,
     ray: &Ray,
-    (step_voxels, termination): (f64, f64),
-    by: Classify,
+    step_voxels: f64,
+    termination: f64,
 ) -> March {
     let mut result = March::default();
     let Some(samples) = samples(ray, &object.grid, step_voxels) else { return result };
     result.num_samples = samples.count;
-    let origin = object.grid.index_from_world().transform_point3(ray.origin_mm);
-    let direction: DVec3 = object.grid.index_from_world().matrix3 * ray.direction;
-    let frame = ray_frame(camera, ray.direction);
-    let smallest_spacing_mm = object.grid.spacing_mm().min_element();
-    let function = object.transfer_function;
-    let value_at = |t: f64| sample_volume(&object.data, origin + t * direction);
-    let mut front = if by == Classify::Ends { value_at(samples.t0) } else { 0.0 };
-
+    let line = Line::new(object, camera, image_height, ray);
     for k in 0..samples.count {
         let (start, end) = samples.piece(k);
-        let length_ratio = (end - start) / function.reference_length_mm;
-        let (t, class) = match by {
-            Classify::Middle => {
-                let t = 0.5 * (start + end);
-                (t, classify(function, value_at(t)))
+        let t = 0.5 * (start + end);
+        let class = classify(object.transfer_function, line.value(t));
+        if class.opacity > 0.0 {
+            let lengths = (end - start) / object.transfer_function.reference_length_mm;
+            line.see(&mut result, t, &class, line.gradient(t), lengths);
+            if ends(&mut result, termination) {
+                break;
             }
-            Classify::Ends => {
-                let back = value_at(end);
-                let piece = classify_piece(function, front, back, length_ratio);
-                front = back;
-                let opacity = -(-piece.extinction).exp_m1();
-                (start + piece.middle * (end - start), at_node(function, piece.node, opacity))
-            }
-        };
-        if class.opacity <= 0.0 {
-            continue;
-        }
-        let p = origin + t * direction;
-        let has_data = object.validity.as_ref().map_or(1.0, |validity| sample_volume(validity, p));
-        let gradient = gradient_at(&object.gradient_volume, object.world_gradient_from_index, p);
-        let gradient = gradient / object.gradient_max;
-        let face = face_normal(&object.grid, p);
-        let n_xy = style_normal(gradient, face, ray.direction, &frame);
-        let depth_mm = (ray.origin_mm + t * ray.direction - camera.eye_mm).dot(camera.forward);
-        let level = style_level(camera, image_height, depth_mm, smallest_spacing_mm, steepness(gradient, face));
-        let ([red, green, blue], alpha_d) = shade(object.styles, &class, n_xy, level);
-        let alpha = opacity_correct(alpha_d * class.opacity * has_data, length_ratio);
-        if alpha <= 0.0 {
-            continue;
-        }
-        result.num_visible += 1;
-        result.rgba = composite(result.rgba, [alpha * red, alpha * green, alpha * blue, alpha]);
-        if 1.0 - result.rgba[3] < termination {
-            let opacity = result.rgba[3];
-            result.rgba = result.rgba.map(|c| c / opacity);
-            break;
         }
     }
     result
+}
+
+/// The raycaster's twin (docs/rendering.md §5): as [`march`], but in pieces that are classified by both of their ends, cut
+/// into parts and looked at as `quality` says, and whenever the normal has turned by `largest_turn` radians.
+pub fn march_pieces(
+    object: &Prepared<'_>,
+    camera: &Camera,
+    image_height: u32,
+    ray: &Ray,
+    quality: &Quality,
+    largest_turn: f64,
+) -> March {
+    let mut result = March::default();
+    let Some(pieces) = samples(ray, &object.grid, quality.piece_voxels()) else { return result };
+    result.num_samples = pieces.count;
+    let line = Line::new(object, camera, image_height, ray);
+    let function = object.transfer_function;
+    let part_mm = pieces.delta_mm / f64::from(quality.parts());
+    for k in 0..pieces.count {
+        let (start, end) = pieces.piece(k);
+        if classify_piece(function, line.value(start), line.value(end), 1.0).extinction <= 0.0 {
+            continue;
+        }
+        let num_parts = ((end - start) / part_mm - 1e-9).ceil().max(1.0) as u32;
+        for part in 0..num_parts {
+            let a = start + f64::from(part) * part_mm;
+            let b = (a + part_mm).min(end);
+            let values = [line.value(a), line.value(b)];
+            let gradients = [line.gradient(a), line.gradient(b)];
+            let normals = [0, 1].map(|i| surface_normal(gradients[i], face_normal(&object.grid, line.at([a, b][i]))));
+            let looks = (normals[0].distance(normals[1]) / largest_turn).ceil().clamp(1.0, MAX_LOOKS);
+            let lengths = (b - a) / looks / function.reference_length_mm;
+            for look in 0..looks as u32 {
+                let [wa, wb] = [look, look + 1].map(|i| f64::from(i) / looks);
+                let between = |w: f64| values[0] + w * (values[1] - values[0]);
+                let piece = classify_piece(function, between(wa), between(wb), lengths);
+                let w = wa + piece.middle * (wb - wa);
+                let class = at_node(function, piece.node, -(-piece.extinction).exp_m1());
+                let gradient = gradients[0] + w * (gradients[1] - gradients[0]);
+                line.see(&mut result, a + w * (b - a), &class, gradient, lengths);
+                if ends(&mut result, quality.termination) {
+                    return result;
+                }
+            }
+        }
+    }
+    result
+}
+
+/// Looks at the style within one part of a piece, at most.
+const MAX_LOOKS: f64 = 16.0;
+
+/// Whether a ray is over; what it shows is then made opaque.
+fn ends(result: &mut March, termination: f64) -> bool {
+    let opacity = result.rgba[3];
+    if 1.0 - opacity >= termination {
+        return false;
+    }
+    result.rgba = result.rgba.map(|c| c / opacity);
+    true
 }
 
 #[cfg(test)]

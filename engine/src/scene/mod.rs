@@ -90,11 +90,17 @@ impl Object {
     }
 }
 
-/// Most samples on a ray. Software adapters end a shader's loops silently after 65 535 rounds, of which a visible sample
-/// takes three (leap, look, shade).
-const MAX_SAMPLES: f64 = 20_000.0;
+/// Most samples on a ray: above this, f32 no longer tells where on the ray they are.
+const MAX_SAMPLES: f64 = 1e6;
 
 impl Scene {
+    /// How far, in radians, the normal of an object's surface may turn between two looks at its style: what the quality
+    /// allows the sharpest style that the object uses. Infinite where all are flat.
+    pub fn largest_turn(&self, object: &Object) -> f64 {
+        let nodes = &object.transfer_function.nodes;
+        self.quality.style_change / nodes.iter().map(|n| self.styles[n.style].sharpness).fold(0.0, f64::max)
+    }
+
     /// Checks what types cannot: every node has a style, values and lengths are finite, nodes ascend.
     ///
     /// # Errors
@@ -120,12 +126,12 @@ impl Scene {
             }
             object.transfer_function.validate(self.styles.len())?;
             let diagonal = DVec3::from_array(object.volume.grid.dims().map(|n| n as f64)).length();
-            if diagonal / self.quality.step_voxels > MAX_SAMPLES {
+            let samples = diagonal / self.quality.step_voxels;
+            if samples > MAX_SAMPLES {
                 return Err(Error::scene(
                     format!(
-                        "a step of {} voxels puts {:.0} samples on a ray through this volume, and a ray holds {MAX_SAMPLES}",
-                        self.quality.step_voxels,
-                        diagonal / self.quality.step_voxels
+                        "a step of {} voxels puts {samples:.0} samples on a ray through this volume, and a ray holds {MAX_SAMPLES}",
+                        self.quality.step_voxels
                     ),
                     format!("choose a step of {:.3} voxels or more", diagonal / MAX_SAMPLES),
                 ));

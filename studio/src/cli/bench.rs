@@ -1,4 +1,4 @@
-//! `fabrica bench`: how long a frame takes while the camera turns. Its options and JSON fields (docs/bench.md) are what
+//! `fabrica bench`: how long a frame takes while the camera changes. Its options and JSON fields (docs/bench.md) are what
 //! other programs are compared through, so they stay.
 
 use std::path::PathBuf;
@@ -21,7 +21,7 @@ use crate::figure::template::QualityName;
 
 const AFTER_HELP: &str = "\
 The first frame (upload, compilation) is timed alone, then N more, each from a new direction.
-JSON: fabrica, template, title, dims, size, frames, orbit_deg, quality {name, step_voxels, termination},
+JSON: fabrica, template, title, dims, size, frames, orbit_deg, quality {name, step_voxels, style_change, termination},
 adapter {name, backend, kind, driver}, samples_per_ray, first_ms, median_ms, min_ms, max_ms, frame_ms [N],
 peak_memory_mb (null where the system does not tell). docs/bench.md says what each means.";
 
@@ -35,7 +35,7 @@ pub struct Arguments {
     /// Frames that are timed after the first one.
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     frames: u32,
-    /// Degrees that the camera turns between two frames, around the object's up axis.
+    /// Degrees that the camera changes between two frames, around the object's up axis.
     #[arg(long, value_name = "DEG", default_value_t = 3.0, value_parser = parse_angle, allow_negative_numbers = true)]
     orbit: f64,
     /// Pixels of the picture.
@@ -82,6 +82,7 @@ struct Report {
 struct Setting {
     name: QualityName,
     step_voxels: f64,
+    style_change: f64,
     termination: f64,
 }
 
@@ -127,7 +128,12 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
         size: arguments.size,
         frames: arguments.frames,
         orbit_deg: arguments.orbit,
-        quality: Setting { name, step_voxels: scene.quality.step_voxels, termination: scene.quality.termination },
+        quality: Setting {
+            name,
+            step_voxels: scene.quality.step_voxels,
+            style_change: scene.quality.style_change,
+            termination: scene.quality.termination,
+        },
         adapter: Adapter::from(&renderer.context().adapter),
         samples_per_ray: samples / f64::from(arguments.frames),
         first_ms,
@@ -148,7 +154,7 @@ fn in_words(r: &Report) -> String {
     let mut lines = vec![
         format!("adapter      {} ({}, {}, {})", r.adapter.name, r.adapter.driver, r.adapter.backend, r.adapter.kind),
         format!(
-            "picture      {} x {} pixels of {} x {} x {} voxels, {} (step {} voxels, rays end at {})",
+            "picture      {} x {} pixels of {} x {} x {} voxels, {} (step {} voxels, style change {}, rays end at {})",
             r.size[0],
             r.size[1],
             r.dims[0],
@@ -156,7 +162,8 @@ fn in_words(r: &Report) -> String {
             r.dims[2],
             setup::name_of(r.quality.name),
             r.quality.step_voxels,
-            setup::termination_text(r.quality.termination)
+            r.quality.style_change,
+            setup::fraction_text(r.quality.termination)
         ),
         format!("first frame  {:.1} ms, upload and compilation included", r.first_ms),
         format!(
@@ -201,7 +208,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_camera_turns_around_the_object() {
+    fn the_camera_changes_around_the_object() {
         let projection = Projection::Perspective { fov_y_deg: 20.0 };
         let pivot = DVec3::new(10.0, 20.0, 30.0);
         let eye = pivot + DVec3::new(0.0, -100.0, 25.0);
@@ -210,7 +217,7 @@ mod tests {
         assert!((quarter.eye_mm - (pivot + DVec3::new(100.0, 0.0, 25.0))).length() < 1e-9, "{quarter:?}");
         let expected = Camera::looking(quarter.eye_mm, pivot - quarter.eye_mm, DVec3::Z, projection).unwrap();
         assert!((quarter.right - expected.right).length() < 1e-12 && (quarter.up - expected.up).length() < 1e-12);
-        // Looking along the axis, the picture turns instead.
+        // Looking along the axis, the picture changes instead.
         let above = Camera::looking(pivot + DVec3::Z, DVec3::NEG_Z, DVec3::Y, projection).unwrap();
         let half = turned(&above, pivot, DVec3::Z, std::f64::consts::PI);
         assert!((half.right + above.right).length() < 1e-12 && (half.eye_mm - above.eye_mm).length() < 1e-12);

@@ -69,6 +69,7 @@ struct ReferenceReport {
 #[derive(Serialize)]
 struct Setting {
     step_voxels: f64,
+    style_change: f64,
     termination: f64,
     quality: Option<&'static str>,
     ms: f64,
@@ -82,6 +83,7 @@ impl From<&Row> for Setting {
     fn from(row: &Row) -> Self {
         Self {
             step_voxels: row.quality.step_voxels,
+            style_change: row.quality.style_change,
             termination: row.quality.termination,
             quality: setup::quality_name(row.quality),
             ms: row.ms,
@@ -106,8 +108,8 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     let start = Instant::now();
     let converged = Converged::of(&stage.scene, arguments.size, &progress)?;
     let seconds = start.elapsed().as_secs_f64();
-    let rows =
-        measure(&mut stage.renderer, &stage.scene, &converged, &default_settings(), arguments.frames, &progress)?;
+    let settings = default_settings(&stage.scene);
+    let rows = measure(&mut stage.renderer, &stage.scene, &converged, &settings, arguments.frames, &progress)?;
     drop(bar);
 
     let report = Report {
@@ -179,18 +181,19 @@ fn table(report: &Report) -> String {
         ),
         reference_line(report),
         String::new(),
-        format!("{:32}{:>12}{:>12}{:>30}{:>30}", "", "time", "samples", "error, 8-bit codes", "error, linear x 1000"),
+        format!("{:39}{:>8}{:>10}{:>30}{:>30}", "", "time", "samples", "error, 8-bit codes", "error, linear x 1000"),
         format!(
-            "  {:>6} {:>8}  {:9}    {:>12}{:>12}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}",
-            "step", "end", "", "ms/frame", "per ray", "RMSE", "p99.9", "max", "RMSE", "p99.9", "max"
+            "  {:>8} {:>6} {:>8}  {:9} {:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}",
+            "step", "change", "end", "", "ms/frame", "per ray", "RMSE", "p99.9", "max", "RMSE", "p99.9", "max"
         ),
     ];
     for s in &report.settings {
         let mut line = format!(
-            "{} {:>6} {:>8}  {:9}    {:>12.3}{:>12.1}",
+            "{} {:>8} {:>6} {:>8}  {:9} {:>10.3}{:>10.1}",
             if s.pareto { '*' } else { ' ' },
             s.step_voxels,
-            setup::termination_text(s.termination),
+            s.style_change,
+            setup::fraction_text(s.termination),
             s.quality.unwrap_or_default(),
             s.ms,
             s.samples_per_ray
@@ -240,7 +243,7 @@ fn plot_of(report: &Report) -> Plot {
                 ms: s.ms,
                 p999: s.codes.p999,
                 rmse: s.codes.rmse,
-                termination: s.termination,
+                style_change: s.style_change,
                 name: s.quality,
                 step: s.step_voxels,
             })

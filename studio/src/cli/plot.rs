@@ -11,8 +11,6 @@ use fabrica_engine::image_out::{PngOptions, save_png as save_picture};
 use fabrica_engine::measure::pareto_front;
 use resvg::{tiny_skia, usvg};
 
-use super::setup::termination_text;
-
 /// File formats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -31,8 +29,8 @@ pub struct Point {
     pub p999: f64,
     /// Root mean square of the error in 8-bit codes.
     pub rmse: f64,
-    /// ε_t.
-    pub termination: f64,
+    /// How much a style may change between two looks at it.
+    pub style_change: f64,
     /// The setting's name, if it has one.
     pub name: Option<&'static str>,
     /// Step in voxels.
@@ -164,10 +162,10 @@ impl Plot {
             text(&mut svg, LEFT, 54.0 + 19.0 * i as f64, "font-size=\"13\" fill=\"#555555\"", &shortened(note, 124));
         }
         axes(&mut svg, &x, &y);
-        let mut terminations: Vec<f64> = self.points.iter().map(|p| p.termination).collect();
-        terminations.sort_by(|a, b| b.total_cmp(a));
-        terminations.dedup();
-        let shape = |termination: f64| terminations.iter().position(|t| *t == termination).unwrap_or(0);
+        let mut changes: Vec<f64> = self.points.iter().map(|p| p.style_change).collect();
+        changes.sort_by(|a, b| b.total_cmp(a));
+        changes.dedup();
+        let shape = |change: f64| changes.iter().position(|c| *c == change).unwrap_or(0);
 
         let mut taken: Vec<Place> = Vec::new();
         for (measure, (_, color)) in MEASURES.iter().enumerate() {
@@ -189,12 +187,12 @@ impl Plot {
             );
             for (p, on) in self.points.iter().zip(&front) {
                 let at = [x.place(p.ms), y.place(value(p))];
-                marker(&mut svg, at, shape(p.termination), color, *on);
+                marker(&mut svg, at, shape(p.style_change), color, *on);
                 taken.push([at[0] - 6.0, at[1] - 6.0, at[0] + 6.0, at[1] + 6.0]);
             }
         }
         self.labels(&mut svg, &x, &y, &mut taken);
-        legend(&mut svg, &terminations);
+        legend(&mut svg, &changes);
         svg += "</svg>\n";
         svg
     }
@@ -279,7 +277,7 @@ fn axes(svg: &mut String, x: &Axis, y: &Axis) {
     text(svg, 24.0, middle_y, &turned, "error (8-bit codes)");
 }
 
-/// A setting's mark: the shape says its termination, full ones are on the front.
+/// A setting's mark: the shape says how much a style changes between looks, full ones are on the front.
 fn marker(svg: &mut String, [x, y]: [f64; 2], shape: usize, color: &str, on_front: bool) {
     let (fill, opacity) = if on_front { (color, 1.0) } else { ("#ffffff", 0.55) };
     let style = format!("fill=\"{fill}\" stroke=\"{color}\" stroke-width=\"1.3\" opacity=\"{opacity}\"");
@@ -306,7 +304,7 @@ fn marker(svg: &mut String, [x, y]: [f64; 2], shape: usize, color: &str, on_fron
     };
 }
 
-fn legend(svg: &mut String, terminations: &[f64]) {
+fn legend(svg: &mut String, changes: &[f64]) {
     let (left, mut y) = (RIGHT + 24.0, TOP + 12.0);
     let heading = "font-size=\"13\" fill=\"#555555\"";
     text(svg, left, y, heading, "error of the pixels");
@@ -322,11 +320,11 @@ fn legend(svg: &mut String, terminations: &[f64]) {
         text(svg, left + 34.0, y, "", name);
     }
     y += 34.0;
-    text(svg, left, y, heading, "rays end at transmittance");
-    for (shape, termination) in terminations.iter().enumerate() {
+    text(svg, left, y, heading, "style changes between looks");
+    for (shape, change) in changes.iter().enumerate() {
         y += 22.0;
         marker(svg, [left + 13.0, y - 5.0], shape, "#444444", true);
-        text(svg, left + 34.0, y, "", &termination_text(*termination));
+        text(svg, left + 34.0, y, "", &change.to_string());
     }
     y += 34.0;
     text(svg, left, y, heading, "filled, line: Pareto front");
@@ -378,7 +376,7 @@ mod tests {
     }
 
     fn point(ms: f64, p999: f64, name: Option<&'static str>) -> Point {
-        Point { ms, p999, rmse: 0.3 * p999, termination: 1.0 / 256.0, name, step: 1.0 }
+        Point { ms, p999, rmse: 0.3 * p999, style_change: 0.5, name, step: 1.0 }
     }
 
     #[test]

@@ -130,8 +130,12 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
             (
                 "Fabrica-Setting".to_owned(),
                 format!(
-                    "step {} voxels, termination {}, adapter {} ({})",
-                    scene.quality.step_voxels, scene.quality.termination, adapter.name, adapter.backend
+                    "step {} voxels, style change {}, termination {}, adapter {} ({})",
+                    scene.quality.step_voxels,
+                    scene.quality.style_change,
+                    scene.quality.termination,
+                    adapter.name,
+                    adapter.backend
                 ),
             ),
         ],

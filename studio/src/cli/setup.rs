@@ -117,10 +117,10 @@ pub fn name_of(name: QualityName) -> &'static str {
     }
 }
 
-/// A termination as people write it: 1/1024 where it is one over a whole number.
-pub fn termination_text(termination: f64) -> String {
-    let inverse = 1.0 / termination;
-    if inverse.is_finite() && inverse.fract() == 0.0 { format!("1/{inverse}") } else { termination.to_string() }
+/// A small number as people write it: 1/1024 where it is one over a whole number.
+pub fn fraction_text(number: f64) -> String {
+    let inverse = 1.0 / number;
+    if inverse.is_finite() && inverse.fract() == 0.0 { format!("1/{inverse}") } else { number.to_string() }
 }
 
 /// Whether a report can be written to `path`, asked before the work whose result it holds. Leaves nothing behind.
@@ -166,8 +166,8 @@ mod tests {
         let mut odd = Quality::FINAL;
         odd.step_voxels = 0.3;
         assert_eq!(quality_name(odd), None);
-        assert_eq!(termination_text(1.0 / 8192.0), "1/8192");
-        assert_eq!(termination_text(0.3), "0.3");
-        assert_eq!(termination_text(0.0), "0");
+        assert_eq!(fraction_text(1.0 / 8192.0), "1/8192");
+        assert_eq!(fraction_text(0.3), "0.3");
+        assert_eq!(fraction_text(0.0), "0");
     }
 }
