@@ -19,6 +19,8 @@
 #import {no_data}
 #import {resume}
 
+// Parts of a piece that shows something.
+const PARTS: u32 = 4u;
 // Looks at the style within one part of a piece, at most.
 const MAX_LOOKS: u32 = 16u;
 // Software adapters end a shader's loops silently after 65 535 rounds, summed over the nest.
@@ -45,7 +47,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let exponent = step / object.reference_length;
     // What is left for looks beyond one a part, so that a software adapter never ends the loops by itself.
     let walked = count - min(frame.pieces.x, count);
-    var spare = i32(MAX_ROUNDS) - i32(walked * (5u + 2u * frame.parts));
+    var spare = i32(MAX_ROUNDS) - i32(walked * (5u + 2u * PARTS));
 
     var accumulated = resume(vec2u(position.xy));
     var k = select(frame.pieces.x, count, 1.0 - accumulated.a < frame.termination);
@@ -81,7 +83,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         if !visible { break; }
 
         let length_k = piece_length(k, steps);
-        let num_parts = num_pieces(length_k * f32(frame.parts));
+        let num_parts = num_pieces(length_k * f32(PARTS));
         var ended = false;
         var j = u32(met);
         loop {
@@ -141,7 +143,7 @@ fn edge_at(p: vec3f) -> Edge {
 
 // Place of boundary j of the parts of a piece, in steps from its front.
 fn part_boundary(j: u32, length_k: f32) -> f32 {
-    return min(f32(j) / f32(frame.parts), length_k);
+    return min(f32(j) / f32(PARTS), length_k);
 }
 
 // How often the style is looked at between two normals.

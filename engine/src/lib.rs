@@ -3,6 +3,7 @@
 
 pub mod color;
 pub mod error;
+pub mod estimate;
 pub mod gpu;
 pub mod image_out;
 pub mod measure;

@@ -245,7 +245,7 @@ pub struct Row {
 }
 
 /// Steps of the default grid, in voxels.
-const STEPS: [f64; 8] = [4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125];
+const STEPS: [f64; 8] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625];
 /// Style changes of the default grid, as multiples of the balanced one.
 const CHANGES: [f64; 3] = [4.0, 1.0, 0.25];
 

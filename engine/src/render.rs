@@ -350,7 +350,8 @@ fn row_pitch(width: u32) -> u32 {
     (width * BYTES_PER_PIXEL).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
 }
 
-fn put_over(background: Background, pixels: &mut [[f32; 4]]) {
+/// Puts premultiplied pixels over a background.
+pub(crate) fn put_over(background: Background, pixels: &mut [[f32; 4]]) {
     if let Background::Color(color) = background {
         for pixel in pixels {
             let through = 1.0 - pixel[3];

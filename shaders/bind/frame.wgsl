@@ -17,8 +17,7 @@ struct Frame {
     forward_dx: vec3f,
     footprint_growth: f32,
     forward_dy: vec3f,
-    // Parts of a piece that shows something.
-    parts: u32,
+    pad0: f32,
     // Unit camera axes in the world.
     right: vec3f,
     pad1: f32,

@@ -111,8 +111,8 @@ fn the_specimen_draws_what_the_equations_say() {
 
 /// What is planted, and the scene that must notice.
 fn planted(name: &str, patch: ShaderPatch, nodes: &[(f64, &'static str, f64)]) {
-    // Half a voxel a step: there a wrong step shows more than at a finer one.
-    let scene = phantom::scene(&lumpy(), nodes, Quality::balanced(0.5));
+    // One voxel a step: there a wrong step shows more than at a finer one.
+    let scene = phantom::scene(&lumpy(), nodes, Quality::balanced(1.0));
     let mut healthy = renderer();
     compare(&mut healthy, &scene).unwrap_or_else(|e| panic!("without the defect: {e}"));
     let mut broken = Renderer::with_patched_shaders(software(), patch);

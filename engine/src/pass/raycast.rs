@@ -12,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::shader_library::RaycastKey;
 use crate::gpu::upload::{ResidentVolume, extent};
+use crate::scene::quality::PARTS;
 use crate::scene::{Camera, Object, Projection, Quality, Scene, StyleTransferFunction};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
@@ -47,7 +48,7 @@ pub struct FrameUniform {
     forward_dx: [f32; 3],
     footprint_growth: f32,
     forward_dy: [f32; 3],
-    parts: u32,
+    pad0: f32,
     right: [f32; 3],
     pad1: f32,
     up: [f32; 3],
@@ -110,7 +111,7 @@ impl FrameUniform {
         let voxel = grid.spacing_mm().min_element();
         Self {
             near_origin: grid.index_from_world().transform_point3(near_center).as_vec3().to_array(),
-            step_voxels: quality.piece_voxels() as f32,
+            step_voxels: quality.step_voxels as f32,
             near_dx: to_index(plane * camera.right),
             termination: quality.termination as f32,
             near_dy: to_index(plane * camera.up),
@@ -120,14 +121,14 @@ impl FrameUniform {
             forward_dx: (spread * camera.right).as_vec3().to_array(),
             footprint_growth: (growth / voxel) as f32,
             forward_dy: (spread * camera.up).as_vec3().to_array(),
-            parts: quality.parts(),
+            pad0: 0.0,
             right: camera.right.as_vec3().to_array(),
             pad1: 0.0,
             up: camera.up.as_vec3().to_array(),
             pad2: 0.0,
             image_size,
             tile_origin: [0, 0],
-            pieces: [0, quality.pieces_per_pass()],
+            pieces: [0, Quality::pieces_per_pass()],
             stride: [1, 1],
         }
     }
@@ -189,7 +190,7 @@ const MAX_LOOKS: usize = 12;
 struct Look {
     volume: Weak<Volume>,
     function: StyleTransferFunction,
-    /// Usual length of a piece, in reference lengths.
+    /// Usual length of a part of a piece, in reference lengths.
     lengths: f64,
     /// Whether the march leaps over empty bricks.
     leaps: bool,
@@ -260,7 +261,7 @@ impl RaycastPass {
         let volume = &object.volume;
         let grid = volume.grid;
         let lengths = usual_length(scene, object);
-        let leaps = skip_empty && scene.quality.piece_voxels() <= MAX_SKIP_STEP;
+        let leaps = skip_empty && scene.quality.step_voxels <= MAX_SKIP_STEP;
         let Look { table, transfer_function, skip_map, .. } = self.look(context, object, resident, lengths, leaps);
 
         let uniform = object_uniform(scene, object, resident, &table);
@@ -294,8 +295,8 @@ impl RaycastPass {
             ..Default::default()
         });
         let diagonal = DVec3::from_array(grid.dims().map(|n| n as f64)).length();
-        let num_pieces = (diagonal / scene.quality.piece_voxels()).ceil() as u32 + 1;
-        let num_passes = num_pieces.div_ceil(scene.quality.pieces_per_pass());
+        let num_pieces = (diagonal / scene.quality.step_voxels).ceil() as u32 + 1;
+        let num_passes = num_pieces.div_ceil(Quality::pieces_per_pass());
         if num_passes > 1 {
             self.pipeline(context, RaycastKey { resumed: true, ..key })?;
         }
@@ -450,11 +451,12 @@ impl RaycastPass {
     }
 }
 
-/// Length, in reference lengths, of a whole piece along the view's axis: exact for cubic voxels and parallel rays, near
+/// Length, in reference lengths, of a part of a piece along the view's axis: exact for cubic voxels and parallel rays, near
 /// for others. In steps of 1 %, so that turning around cubic voxels asks for one table only.
 fn usual_length(scene: &Scene, object: &Object) -> f64 {
     let voxels_per_mm = object.volume.grid.index_from_world().transform_vector3(scene.camera.forward).length();
-    let length = scene.quality.step_voxels / voxels_per_mm / object.transfer_function.reference_length_mm;
+    let part_voxels = scene.quality.step_voxels / f64::from(PARTS);
+    let length = part_voxels / voxels_per_mm / object.transfer_function.reference_length_mm;
     ((length.log2() * 64.0).round() / 64.0).exp2()
 }
 

@@ -15,8 +15,9 @@ const CELLS: usize = TABLE_SIZE - 2;
 /// κ of a material that hides everything (α_u ≥ 1 − 2⁻²⁴), per reference length: a quarter of it is opaque in f32, and a
 /// table with larger numbers in it would be interpolated badly beside them.
 const OPAQUE_EXTINCTION: f64 = 64.0;
-/// Cells of the running integrals that the table is made from.
-const FINE: usize = 8192;
+/// Cells of the running integrals that the table is made from: whole ones between two entries, so that nothing of a foot
+/// that lies on an entry is smeared to its other side.
+const FINE: usize = 32 * CELLS;
 /// Parts that a piece is cut into to weigh what lies in front: at least, and most, for one across the whole table.
 const PARTS: (usize, usize) = (8, 72);
 
@@ -44,7 +45,7 @@ pub struct TransferTable {
 
 impl TransferTable {
     /// Tabulates over the nodes' values and a quarter of their span beyond, as far as the data go (`data`: smallest and
-    /// largest data value). `lengths` is the usual length of a piece in reference lengths.
+    /// largest data value). `lengths` is the usual length of a part of a piece, in reference lengths.
     pub fn new(
         function: &StyleTransferFunction,
         rescale: Rescale,

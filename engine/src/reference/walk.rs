@@ -12,6 +12,7 @@ use super::style::{
     Classification, RayFrame, at_node, classify, face_normal, ray_frame, shade, steepness, style_level, style_normal,
     surface_normal,
 };
+use crate::scene::quality::PARTS;
 use crate::scene::{Camera, Quality, StyleTransferFunction};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
@@ -157,11 +158,11 @@ pub fn march_pieces(
     largest_turn: f64,
 ) -> March {
     let mut result = March::default();
-    let Some(pieces) = samples(ray, &object.grid, quality.piece_voxels()) else { return result };
+    let Some(pieces) = samples(ray, &object.grid, quality.step_voxels) else { return result };
     result.num_samples = pieces.count;
     let line = Line::new(object, camera, image_height, ray);
     let function = object.transfer_function;
-    let part_mm = pieces.delta_mm / f64::from(quality.parts());
+    let part_mm = pieces.delta_mm / f64::from(PARTS);
     for k in 0..pieces.count {
         let (start, end) = pieces.piece(k);
         if classify_piece(function, line.value(start), line.value(end), 1.0).extinction <= 0.0 {

@@ -126,14 +126,17 @@ impl Scene {
             }
             object.transfer_function.validate(self.styles.len())?;
             let diagonal = DVec3::from_array(object.volume.grid.dims().map(|n| n as f64)).length();
-            let samples = diagonal / self.quality.step_voxels;
+            let samples = diagonal / self.quality.step_voxels * f64::from(quality::PARTS);
             if samples > MAX_SAMPLES {
                 return Err(Error::scene(
                     format!(
                         "a step of {} voxels puts {samples:.0} samples on a ray through this volume, and a ray holds {MAX_SAMPLES}",
                         self.quality.step_voxels
                     ),
-                    format!("choose a step of {:.3} voxels or more", diagonal / MAX_SAMPLES),
+                    format!(
+                        "choose a step of {:.3} voxels or more",
+                        diagonal / MAX_SAMPLES * f64::from(quality::PARTS)
+                    ),
                 ));
             }
         }

@@ -1,11 +1,14 @@
 //! Accuracy settings: what a user trades for speed.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use crate::error::{Error, Result};
 
 /// Step, style look-ups and early termination of the march.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Distance of two samples where something shows, in voxels along the ray (so that 1:100 voxels are sampled evenly).
+    /// Length of a piece, in voxels along the ray (so that 1:100 voxels are sampled evenly). Where something shows, samples
+    /// are [`PARTS`] times as dense.
     pub step_voxels: f64,
     /// How much a style may change between two looks at it: the most that its surface's normal turns, in radians, times the
     /// style's [`sharpness`](crate::styles::StyleImage::sharpness). Hatching needs many looks, a matte style hardly any.
@@ -14,44 +17,37 @@ pub struct Quality {
     pub termination: f64,
 }
 
-/// Parts of a piece, at most: a fourth of the samples is enough to find what shows.
-const MAX_PARTS: f64 = 4.0;
+/// Parts that a piece in which something shows is cut into: a fourth of the samples is enough to find it (`PARTS` of
+/// `shaders/raycast.wgsl`).
+pub const PARTS: u32 = 4;
 
 /// Rounds of the raycaster's loops in one pass (`MAX_ROUNDS` of `shaders/raycast.wgsl`).
 const MAX_ROUNDS: u32 = 65_000;
 
 impl Quality {
-    /// One voxel a step: for a look.
-    pub const DRAFT: Self = Self { step_voxels: 1.0, style_change: 1.0, termination: 1.0 / 256.0 };
-    /// An eighth of a voxel a step.
-    pub const STANDARD: Self =
-        Self { step_voxels: 1.0 / 8.0, style_change: 0.353_553_390_593_273_8, termination: 1.0 / 2048.0 };
-    /// A sixteenth of a voxel a step: for print.
-    pub const FINAL: Self = Self { step_voxels: 1.0 / 16.0, style_change: 0.25, termination: 1.0 / 4096.0 };
+    /// Two voxels a step: for a look.
+    pub const DRAFT: Self = Self::balanced_at(2.0, FRAC_1_SQRT_2);
+    /// Half a voxel a step.
+    pub const STANDARD: Self = Self::balanced_at(0.5, 0.5 * FRAC_1_SQRT_2);
+    /// A quarter of a voxel a step: for print.
+    pub const FINAL: Self = Self::balanced_at(0.25, 0.25);
 
     /// The balanced setting of a step: the other two cost about as much accuracy as the step does, on the Pareto front of
     /// the shipped templates. The named qualities are of this kind.
     pub fn balanced(step_voxels: f64) -> Self {
-        Self { step_voxels, style_change: step_voxels.sqrt(), termination: (step_voxels / 256.0).min(1.0 / 64.0) }
+        Self::balanced_at(step_voxels, 0.5 * step_voxels.sqrt())
     }
 
-    /// How many parts a piece in which something shows is cut into. Where nothing shows, a ray is searched in whole
-    /// pieces: four times as long as the step, but no longer than a voxel for it.
-    pub fn parts(&self) -> u32 {
-        (1.0 / self.step_voxels + 1e-9).floor().clamp(1.0, MAX_PARTS) as u32
-    }
-
-    /// Length of a piece in voxels along the ray.
-    pub fn piece_voxels(&self) -> f64 {
-        self.step_voxels * f64::from(self.parts())
+    const fn balanced_at(step_voxels: f64, style_change: f64) -> Self {
+        Self { step_voxels, style_change, termination: step_voxels / 1024.0 }
     }
 
     /// How many pieces one pass of the raycaster may walk: software adapters end a shader's loops silently after 65 535
     /// rounds, summed over the nest. A piece takes a leap, two looks for something that shows and the ends of three loops,
     /// and a part of it its end and one look at the style; half of the rounds are
     /// left for more looks.
-    pub fn pieces_per_pass(&self) -> u32 {
-        MAX_ROUNDS / 2 / (5 + 2 * self.parts())
+    pub fn pieces_per_pass() -> u32 {
+        MAX_ROUNDS / 2 / (5 + 2 * PARTS)
     }
 
     pub(crate) fn validate(&self) -> Result<()> {

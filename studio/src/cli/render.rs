@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
+use fabrica_engine::estimate::{self, Estimate};
 use fabrica_engine::gpu::{AdapterChoice, GpuContext};
 use fabrica_engine::image_out::{PngOptions, save_atomic, write_png};
 use fabrica_engine::render::{RenderOptions, Renderer};
+use fabrica_engine::scene::Quality;
 use fabrica_engine::{Error, Progress};
 
 use super::progress_bar::Bar;
@@ -25,7 +27,7 @@ pub struct Arguments {
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<[u32; 2]>,
     /// Dots per inch; the pixels follow from the template's size in mm. With --size: the width becomes pixels/dpi.
-    #[arg(long, value_name = "N", value_parser = parse_dpi)]
+    #[arg(long, value_name = "N", value_parser = parse_positive)]
     dpi: Option<f64>,
     /// transparent or #rrggbb, in place of the template's.
     #[arg(long, value_name = "COLOR")]
@@ -33,6 +35,12 @@ pub struct Arguments {
     /// In place of the template's.
     #[arg(long, value_enum)]
     quality: Option<QualityName>,
+    /// Choose the cheapest setting whose error, of 99.9 % of the pixels, is estimated to be at most this many 8-bit codes.
+    #[arg(long, value_name = "CODES", conflicts_with_all = ["quality", "budget_ms"], allow_negative_numbers = true, value_parser = parse_positive)]
+    max_error: Option<f64>,
+    /// Choose the most accurate setting that is expected to draw the picture in this time, on this adapter.
+    #[arg(long, value_name = "T", conflicts_with = "quality", allow_negative_numbers = true, value_parser = parse_positive)]
+    budget_ms: Option<f64>,
     /// software, hardware, or a part of an adapter's name (see `fabrica adapters`).
     #[arg(long, value_name = "NAME", default_value = "auto")]
     adapter: AdapterChoice,
@@ -47,7 +55,7 @@ pub struct Arguments {
     verbose: bool,
 }
 
-fn parse_dpi(text: &str) -> Result<f64, String> {
+fn parse_positive(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|d: &f64| d.is_finite() && *d > 0.0).ok_or_else(|| "write a positive number".to_owned())
 }
 
@@ -112,7 +120,7 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
         say!("warning: {warning}");
     }
     clock.lap("volumes");
-    let (scene, notes) = bridge::scene(&template, &volumes, &styles, &progress)?;
+    let (mut scene, notes) = bridge::scene(&template, &volumes, &styles, &progress)?;
     if arguments.verbose {
         notes.iter().for_each(|note| say!("note: {note}"));
     }
@@ -122,22 +130,23 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     let mut renderer = Renderer::new(context);
     let adapter = renderer.context().adapter.clone();
 
+    let estimate = match (arguments.max_error, arguments.budget_ms) {
+        (Some(codes), _) => Some(estimate::for_error(&mut renderer, &scene, size, codes, &progress)),
+        (_, Some(ms)) => Some(estimate::for_budget(&mut renderer, &scene, size, ms, &progress)),
+        _ => None,
+    };
+    let estimate = estimate.transpose().context("the figure was not written")?;
+    if let Some(estimate) = &estimate {
+        scene.quality = estimate.quality;
+        clock.lap("choosing the setting");
+    }
+    let setting = setting(&scene.quality, estimate.as_ref());
     let options = PngOptions {
         dpi,
         opaque: template.background != Background::Transparent,
         text: vec![
             ("Software".to_owned(), format!("Fabrica {}", env!("CARGO_PKG_VERSION"))),
-            (
-                "Fabrica-Setting".to_owned(),
-                format!(
-                    "step {} voxels, style change {}, termination {}, adapter {} ({})",
-                    scene.quality.step_voxels,
-                    scene.quality.style_change,
-                    scene.quality.termination,
-                    adapter.name,
-                    adapter.backend
-                ),
-            ),
+            ("Fabrica-Setting".to_owned(), format!("{setting}; adapter {} ({})", adapter.name, adapter.backend)),
         ],
     };
     let report = save_atomic(out, |file| {
@@ -153,6 +162,7 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     if arguments.verbose {
         say!("adapter: {} ({}, {})", adapter.name, adapter.backend, adapter.kind);
         say!("pipeline: {}", report.pipeline);
+        say!("setting: {setting}");
         if let Some(mb) = peak_memory_mb() {
             say!("peak memory: {mb:.0} MB");
         }
@@ -160,6 +170,38 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
         say!("{}: {} x {} pixels at {dpi:.1} dpi = {:.1} x {:.1} mm", out.display(), size[0], size[1], mm[0], mm[1]);
     }
     Ok(())
+}
+
+/// A setting in words, with what is expected of it and how that was found.
+fn setting(quality: &Quality, estimate: Option<&Estimate>) -> String {
+    let mut words = format!(
+        "step {} voxels, style change {}, rays end at {}",
+        significant(quality.step_voxels),
+        significant(quality.style_change),
+        significant(quality.termination)
+    );
+    match estimate {
+        None => words += "; error not estimated",
+        Some(e) => {
+            words += &format!(
+                "; estimated error {:.2} of 255 codes in 99.9 % of the pixels, from {} of them drawn again with a step of {}",
+                e.codes,
+                e.num_pixels,
+                significant(e.against_step)
+            );
+            if let Some(ms) = e.ms {
+                words += &format!("; estimated time {ms:.0} ms");
+            }
+        }
+    }
+    words
+}
+
+/// A number to three digits, without trailing zeros.
+fn significant(number: f64) -> String {
+    let digits = (2 - number.abs().log10().floor() as i32).clamp(0, 9) as usize;
+    let text = format!("{number:.digits$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 /// What would make the last step fail is found before the first one.
