@@ -22,7 +22,7 @@ const MOST_PIXELS: u64 = 1 << 14;
 /// transfer table. 99.9th percentile in 8-bit codes, measured on the shipped templates at the finest steps.
 const FLOOR_CODES: f64 = 0.3;
 /// How much of the bound an estimate may fill: what is left is for the pixels that the sample leaves out.
-const FILL: f64 = 0.8;
+const FILL: f64 = 0.75;
 /// The finest step that a budget is spent on: what is left of the error there is the floor.
 const FINEST_STEP: f64 = 1.0 / 16.0;
 /// The share of a budget that is planned for.

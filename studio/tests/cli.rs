@@ -82,6 +82,27 @@ fn render_writes_the_figure_at_its_physical_size() {
 }
 
 #[test]
+fn a_chosen_setting_is_stated_with_its_error() {
+    let place = Place::new();
+    for (option, number) in [("--max-error", "2"), ("--budget-ms", "1e6")] {
+        let render = ["render", "figure.json", "--out", "a.png", "--adapter", "software", "--verbose"];
+        let output = place.run(&[&render[..], &[option, number]].concat());
+        let log = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{log}");
+        let setting = log.lines().find_map(|l| l.strip_prefix("setting: ")).unwrap();
+        for word in
+            ["step ", "style change", "estimated error", "codes in 99.9 % of the pixels", "drawn again with a step"]
+        {
+            assert!(setting.contains(word), "no \"{word}\" in {setting}");
+        }
+        assert_eq!(setting.contains("estimated time"), option == "--budget-ms", "{setting}");
+        // The picture says the same.
+        let bytes = std::fs::read(place.path("a.png")).unwrap();
+        assert!(bytes.windows(setting.len()).any(|w| w == setting.as_bytes()), "the picture does not say: {setting}");
+    }
+}
+
+#[test]
 fn volumes_fill_the_slots() {
     let place = Place::new();
     std::fs::write(place.path("other.raw"), [100u8; 64]).unwrap();
@@ -128,6 +149,11 @@ fn faults_are_one_sentence_and_leave_nothing() {
         (vec!["render", "figure.json", "--out", "a.png", "--background", "mauve"], 2, "#rrggbb"),
         (vec!["render", "figure.json", "--out", "a.png", "--quality", "best"], 2, "standard"),
         (vec!["render", "figure.json", "--out", "a.png", "--adapter", "Voodoo"], 1, "choose one of"),
+        (vec!["render", "figure.json", "--out", "a.png", "--max-error", "-1"], 2, "positive"),
+        (vec!["render", "figure.json", "--out", "a.png", "--max-error", "1", "--budget-ms", "9"], 2, "--budget-ms"),
+        (vec!["render", "figure.json", "--out", "a.png", "--budget-ms", "9", "--quality", "draft"], 2, "--quality"),
+        (vec!["render", "figure.json", "--out", "a.png", "--max-error", "1e-9"], 1, "the best is"),
+        (vec!["render", "figure.json", "--out", "a.png", "--budget-ms", "1e-9"], 1, "the fastest that can be had"),
         (vec!["render", "block.raw", "--out", "a.png"], 1, "template"),
         (vec!["inspect", "block.raw"], 1, "--raw"),
         (vec!["inspect", "block.raw", "--raw", "9x9x9xuint8"], 1, "512"),
@@ -190,7 +216,19 @@ fn help_names_every_option() {
         (vec!["--help"], vec!["render", "measure", "bench", "inspect", "adapters", "styles", "schema"]),
         (
             vec!["render", "--help"],
-            vec!["--volume", "--raw", "--frame", "--size", "--dpi", "--background", "--quality", "--adapter", "--out"],
+            vec![
+                "--volume",
+                "--raw",
+                "--frame",
+                "--size",
+                "--dpi",
+                "--background",
+                "--quality",
+                "--adapter",
+                "--out",
+                "--max-error",
+                "--budget-ms",
+            ],
         ),
         (vec!["inspect", "--help"], vec!["--json", "--raw"]),
         (
@@ -225,7 +263,7 @@ fn measure_says_what_accuracy_costs() {
         String::from_utf8(output.stdout).unwrap()
     };
     let table = run(&["--json", "m.json", "--plot", "m.svg"]);
-    for word in ["ms/frame", "per ray", "p99.9", "draft", "standard", "final", "1/8192", "did not settle", "\n* "] {
+    for word in ["ms/frame", "per ray", "p99.9", "draft", "standard", "final", "1/16384", "did not settle", "\n* "] {
         assert!(table.contains(word), "no {word} in\n{table}");
     }
     let report = json_file(&place.path("m.json"));

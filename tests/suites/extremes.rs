@@ -13,7 +13,7 @@ use fabrica_engine::render::{FloatImage, RenderOptions, RenderReport, Renderer};
 use fabrica_engine::scene::{Background, Projection, Quality, Scene};
 use fabrica_engine::spaces::Grid;
 use fabrica_engine::volume::{Rescale, Volume, Voxels};
-use fabrica_tests::compare::{SAME_DRAFT_CODES, SAME_SETTINGS_CODES};
+use fabrica_tests::compare::same_settings;
 use fabrica_tests::phantom::{self, bump, centered, lumpy};
 use fabrica_tests::{renderer, software};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -175,7 +175,7 @@ fn held_to_reference(
     let picture = draw(renderer, scene, size);
     let found = difference(&picture, &twin(scene, size));
     println!("{what:?}: {:.4?}, {:.3} covered", found.codes, found.covered);
-    let (p999, rmse) = if scene.quality.step_voxels <= 1.0 { SAME_SETTINGS_CODES } else { SAME_DRAFT_CODES };
+    let (p999, rmse) = same_settings(scene.quality.step_voxels);
     assert!(
         found.codes.p999 <= p999 && found.codes.rmse <= rmse,
         "{what:?}: the adapter and the reference differ: {found:?}"
@@ -770,7 +770,10 @@ fn fields_of_view_from_1e_3_to_170_degrees_and_orthographic_draw() {
             let inside = draw(&mut renderer, &scene, [41, 33]);
             // Where all rays are one ray the mean of the pixels is no mean: a pixel's tolerance counts.
             let found = difference(&inside, &twin(&scene, [41, 33])).codes;
-            assert!(found.p999 <= SAME_SETTINGS_CODES.0, "inside with {projection:?} {from}: {found:?}");
+            assert!(
+                found.p999 <= same_settings(scene.quality.step_voxels).0,
+                "inside with {projection:?} {from}: {found:?}"
+            );
             assert!(inside.pixels.iter().any(|p| p[3] > 0.9), "nothing seen from inside with {projection:?} {from}");
         }
     }

@@ -88,6 +88,7 @@ impl ResidentVolume {
         let voxels = filled.voxels.as_ref();
         let range = volume.bricks().range();
         let (texel, encoding) = choose_encoding(context, voxels, range);
+        let values_texel = texel;
 
         let sigma = sigma_voxels(volume, object.gradient_scale_mm);
         let prefiltered = sigma.iter().any(|s| *s > 0.0);
@@ -102,9 +103,11 @@ impl ResidentVolume {
         let values = values.create_view(&wgpu::TextureViewDescriptor::default());
 
         let (gradients, gradient_encoding) = if prefiltered {
-            // The copy gets the finest grid that 16 bits give it: rounding to whole HU would show in the normals.
+            // In f32 where that can be filtered: 16 bits, even of the data's own range, turn the normals of gentle slopes,
+            // which a style with fine lines shows (1.2 codes where f32 has 0.1).
+            let texel = if context.formats.r32_filterable { Texel::Float32 } else { texel };
             let span = if range.1 > range.0 { range.1 - range.0 } else { 1.0 };
-            let encoding = match texel {
+            let encoding = match values_texel {
                 Texel::Unorm16 => Encoding { offset: range.0, scale: 1.0 / span },
                 Texel::Float32 => encoding,
             };

@@ -162,7 +162,7 @@ fn in_words(r: &Report) -> String {
             r.dims[2],
             setup::name_of(r.quality.name),
             r.quality.step_voxels,
-            r.quality.style_change,
+            setup::significant(r.quality.style_change),
             setup::fraction_text(r.quality.termination)
         ),
         format!("first frame  {:.1} ms, upload and compilation included", r.first_ms),

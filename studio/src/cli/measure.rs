@@ -7,6 +7,7 @@ use anyhow::{Context as _, Result, bail};
 use fabrica_engine::Progress;
 use fabrica_engine::gpu::AdapterChoice;
 use fabrica_engine::measure::{Converged, Deviation, Row, default_settings, measure};
+use fabrica_engine::scene::Quality;
 use serde::Serialize;
 
 use super::plot::{self, Plot};
@@ -192,7 +193,7 @@ fn table(report: &Report) -> String {
             "{} {:>8} {:>6} {:>8}  {:9} {:>10.3}{:>10.1}",
             if s.pareto { '*' } else { ' ' },
             s.step_voxels,
-            s.style_change,
+            setup::significant(s.style_change),
             setup::fraction_text(s.termination),
             s.quality.unwrap_or_default(),
             s.ms,
@@ -243,7 +244,11 @@ fn plot_of(report: &Report) -> Plot {
                 ms: s.ms,
                 p999: s.codes.p999,
                 rmse: s.codes.rmse,
-                style_change: s.style_change,
+                // Rounded, so that settings with the same ratio have the same mark.
+                relative_change: {
+                    let ratio = s.style_change / Quality::balanced(s.step_voxels).style_change;
+                    (1e3 * ratio).round() / 1e3
+                },
                 name: s.quality,
                 step: s.step_voxels,
             })

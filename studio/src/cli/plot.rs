@@ -29,8 +29,8 @@ pub struct Point {
     pub p999: f64,
     /// Root mean square of the error in 8-bit codes.
     pub rmse: f64,
-    /// How much a style may change between two looks at it.
-    pub style_change: f64,
+    /// How much a style may change between two looks at it, as a multiple of the step's balanced setting.
+    pub relative_change: f64,
     /// The setting's name, if it has one.
     pub name: Option<&'static str>,
     /// Step in voxels.
@@ -162,7 +162,7 @@ impl Plot {
             text(&mut svg, LEFT, 54.0 + 19.0 * i as f64, "font-size=\"13\" fill=\"#555555\"", &shortened(note, 124));
         }
         axes(&mut svg, &x, &y);
-        let mut changes: Vec<f64> = self.points.iter().map(|p| p.style_change).collect();
+        let mut changes: Vec<f64> = self.points.iter().map(|p| p.relative_change).collect();
         changes.sort_by(|a, b| b.total_cmp(a));
         changes.dedup();
         let shape = |change: f64| changes.iter().position(|c| *c == change).unwrap_or(0);
@@ -187,7 +187,7 @@ impl Plot {
             );
             for (p, on) in self.points.iter().zip(&front) {
                 let at = [x.place(p.ms), y.place(value(p))];
-                marker(&mut svg, at, shape(p.style_change), color, *on);
+                marker(&mut svg, at, shape(p.relative_change), color, *on);
                 taken.push([at[0] - 6.0, at[1] - 6.0, at[0] + 6.0, at[1] + 6.0]);
             }
         }
@@ -320,11 +320,11 @@ fn legend(svg: &mut String, changes: &[f64]) {
         text(svg, left + 34.0, y, "", name);
     }
     y += 34.0;
-    text(svg, left, y, heading, "style changes between looks");
+    text(svg, left, y, heading, "style change, × balanced");
     for (shape, change) in changes.iter().enumerate() {
         y += 22.0;
         marker(svg, [left + 13.0, y - 5.0], shape, "#444444", true);
-        text(svg, left + 34.0, y, "", &change.to_string());
+        text(svg, left + 34.0, y, "", &super::setup::fraction_text(*change));
     }
     y += 34.0;
     text(svg, left, y, heading, "filled, line: Pareto front");
@@ -376,7 +376,7 @@ mod tests {
     }
 
     fn point(ms: f64, p999: f64, name: Option<&'static str>) -> Point {
-        Point { ms, p999, rmse: 0.3 * p999, style_change: 0.5, name, step: 1.0 }
+        Point { ms, p999, rmse: 0.3 * p999, relative_change: 1.0, name, step: 1.0 }
     }
 
     #[test]

@@ -12,7 +12,7 @@ use fabrica_engine::scene::Quality;
 use fabrica_engine::{Error, Progress};
 
 use super::progress_bar::Bar;
-use super::setup::{parse_size, peak_memory_mb};
+use super::setup::{self, parse_size, peak_memory_mb};
 use super::{UsageError, volumes};
 use crate::figure::template::{Background, Page, QualityName};
 use crate::figure::{Template, bridge};
@@ -176,9 +176,9 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
 fn setting(quality: &Quality, estimate: Option<&Estimate>) -> String {
     let mut words = format!(
         "step {} voxels, style change {}, rays end at {}",
-        significant(quality.step_voxels),
-        significant(quality.style_change),
-        significant(quality.termination)
+        setup::significant(quality.step_voxels),
+        setup::significant(quality.style_change),
+        setup::significant(quality.termination)
     );
     match estimate {
         None => words += "; error not estimated",
@@ -187,7 +187,7 @@ fn setting(quality: &Quality, estimate: Option<&Estimate>) -> String {
                 "; estimated error {:.2} of 255 codes in 99.9 % of the pixels, from {} of them drawn again with a step of {}",
                 e.codes,
                 e.num_pixels,
-                significant(e.against_step)
+                setup::significant(e.against_step)
             );
             if let Some(ms) = e.ms {
                 words += &format!("; estimated time {ms:.0} ms");
@@ -195,13 +195,6 @@ fn setting(quality: &Quality, estimate: Option<&Estimate>) -> String {
         }
     }
     words
-}
-
-/// A number to three digits, without trailing zeros.
-fn significant(number: f64) -> String {
-    let digits = (2 - number.abs().log10().floor() as i32).clamp(0, 9) as usize;
-    let text = format!("{number:.digits$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 /// What would make the last step fail is found before the first one.

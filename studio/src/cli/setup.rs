@@ -120,7 +120,18 @@ pub fn name_of(name: QualityName) -> &'static str {
 /// A small number as people write it: 1/1024 where it is one over a whole number.
 pub fn fraction_text(number: f64) -> String {
     let inverse = 1.0 / number;
-    if inverse.is_finite() && inverse.fract() == 0.0 { format!("1/{inverse}") } else { number.to_string() }
+    if inverse.is_finite() && inverse.fract() == 0.0 && inverse > 1.0 {
+        format!("1/{inverse}")
+    } else {
+        number.to_string()
+    }
+}
+
+/// A number to three digits, without trailing zeros.
+pub fn significant(number: f64) -> String {
+    let digits = (2 - number.abs().log10().floor() as i32).clamp(0, 9) as usize;
+    let text = format!("{number:.digits$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 /// Whether a report can be written to `path`, asked before the work whose result it holds. Leaves nothing behind.
