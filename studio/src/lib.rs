@@ -2,4 +2,5 @@
 //! (`main` only hands over the arguments, so that everything is testable without a process).
 
 pub mod cli;
+pub mod editor;
 pub mod figure;

@@ -12,6 +12,7 @@ mod adapters;
 mod bench;
 mod inspect;
 mod measure;
+mod open;
 mod plot;
 mod progress_bar;
 mod render;
@@ -24,17 +25,20 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use fabrica_engine::gpu::AdapterChoice;
 
 /// Illustrative volume rendering: figures from CT, MRI and micro-CT volumes.
 #[derive(Parser, Debug)]
-#[command(name = "fabrica", version, arg_required_else_help = true)]
+#[command(name = "fabrica", version)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
 
 #[derive(Subcommand, Debug)]
 enum Command {
+    /// Open the window, which `fabrica` alone does too.
+    Open(open::Arguments),
     /// Draw the figure of a template into a PNG file.
     Render(render::Arguments),
     /// Measure what accuracy costs: time and error of a grid of settings.
@@ -75,7 +79,10 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let outcome = Cli::from_arg_matches(&matches).map_err(|e| UsageError::because(e.to_string())).and_then(|cli| {
         // The positions of repeated options matter (--raw belongs to the --volume before it).
         let matches = matches.subcommand().map_or(&matches, |(_, m)| m);
-        run(cli.command, matches)
+        match cli.command {
+            Some(command) => run(command, matches),
+            None => crate::editor::open_window(Vec::new(), AdapterChoice::Auto),
+        }
     });
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -88,6 +95,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn run(command: Command, matches: &clap::ArgMatches) -> Result<()> {
     match command {
+        Command::Open(arguments) => open::run(arguments),
         Command::Render(arguments) => render::run(&arguments, matches),
         Command::Measure(arguments) => measure::run(&arguments, matches),
         Command::Bench(arguments) => bench::run(&arguments, matches),

@@ -1,7 +1,12 @@
-//! The figure: what is edited (the template), where its volumes come from, and how it becomes a scene.
+//! The figure: what is edited (the template), by which commands, where its volumes come from, and how it becomes a scene.
 
 pub mod bridge;
+pub mod command;
+pub mod document;
+pub mod first_look;
 pub mod source;
 pub mod template;
 
+pub use command::Command;
+pub use document::Document;
 pub use template::Template;

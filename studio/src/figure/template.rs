@@ -267,9 +267,9 @@ impl Template {
         Ok(serde_json::to_string_pretty(self)? + "\n")
     }
 
-    fn check(&self) -> Result<()> {
+    pub(super) fn check(&self) -> Result<()> {
         let page = &self.figure;
-        if !(page.width_mm > 0.0 && page.height_mm > 0.0 && page.dpi > 0.0) {
+        if ![page.width_mm, page.height_mm, page.dpi].iter().all(|n| *n > 0.0 && n.is_finite()) {
             bail!("the figure is {} x {} mm at {} dpi; give positive numbers", page.width_mm, page.height_mm, page.dpi);
         }
         for object in &self.objects {
@@ -283,6 +283,9 @@ impl Template {
             let function = &object.transfer_function;
             if function.nodes.is_empty() {
                 bail!("the transfer function of \"{}\" has no node; add at least one", object.volume);
+            }
+            if let Some(n) = function.nodes.iter().find(|n| !n.at.is_finite()) {
+                bail!("a node is at {}; give a number", n.at);
             }
             if let Some(w) = function.nodes.windows(2).find(|w| w[0].at > w[1].at) {
                 bail!("the transfer function's nodes do not ascend ({} before {}); sort them", w[0].at, w[1].at);

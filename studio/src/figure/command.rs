@@ -1,0 +1,194 @@
+//! What an edit of a figure is: a value that says everything about it. A document is changed by commands only, so that every
+//! change has a name, can be undone, and is the same whether it comes from a panel, a key or a test.
+
+use anyhow::{Result, bail};
+
+use super::template::{
+    Background, CameraTemplate, NodeTemplate, Page, ProjectionName, QualityName, Template, TransferFunctionTemplate,
+    VolumeSlot,
+};
+
+/// One edit. Objects, nodes and volume slots are named by their position.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Command {
+    /// The figure's title.
+    SetTitle(String),
+    /// The view.
+    SetCamera(CameraTemplate),
+    /// Central or parallel projection.
+    SetProjection(ProjectionName),
+    /// What lies behind.
+    SetBackground(Background),
+    /// Size and resolution on the page.
+    SetPage(Page),
+    /// Accuracy of the export.
+    SetQuality(QualityName),
+    /// The whole transfer function of an object: an automatic look, a preset.
+    SetTransferFunction {
+        /// Which object.
+        object: usize,
+        /// The new one.
+        function: TransferFunctionTemplate,
+    },
+    /// A new node, put where its position belongs; beside others at the same position after them.
+    InsertNode {
+        /// Of which object's transfer function.
+        object: usize,
+        /// The new one.
+        node: NodeTemplate,
+    },
+    /// Position and opacity of a node. It stays between its neighbors: a position beyond them is moved to theirs.
+    MoveNode {
+        /// Of which object's transfer function.
+        object: usize,
+        /// Which node.
+        node: usize,
+        /// Data value or percentile.
+        at: f64,
+        /// 0 to 1; beyond that it is moved to the nearer of the two.
+        opacity: f64,
+    },
+    /// The style of a node.
+    SetNodeStyle {
+        /// Of which object's transfer function.
+        object: usize,
+        /// Which node.
+        node: usize,
+        /// The style's name.
+        style: String,
+    },
+    /// Takes a node away; the last one stays.
+    RemoveNode {
+        /// Of which object's transfer function.
+        object: usize,
+        /// Which node.
+        node: usize,
+    },
+    /// σ of the gradients' smoothing; `None`: one voxel.
+    SetGradientScale {
+        /// Of which object.
+        object: usize,
+        /// In mm.
+        scale_mm: Option<f64>,
+    },
+    /// Another file in a slot.
+    SetVolume {
+        /// Which slot.
+        slot: usize,
+        /// What is in it now.
+        volume: VolumeSlot,
+    },
+}
+
+impl Command {
+    /// What the edit is called in the list of undo steps: verb, object, amount.
+    pub fn label(&self) -> String {
+        match self {
+            Self::SetTitle(_) => "Change title".to_owned(),
+            Self::SetCamera(_) => "Move view".to_owned(),
+            Self::SetProjection(ProjectionName::Perspective) => "Use perspective".to_owned(),
+            Self::SetProjection(ProjectionName::Orthographic) => "Use parallel projection".to_owned(),
+            Self::SetBackground(_) => "Change background".to_owned(),
+            Self::SetPage(page) => format!("Change page to {:.4} x {:.4} mm", page.width_mm, page.height_mm),
+            Self::SetQuality(_) => "Change quality".to_owned(),
+            Self::SetTransferFunction { .. } => "Replace transfer function".to_owned(),
+            Self::InsertNode { node, .. } => format!("Insert node at {:.6}", node.at),
+            Self::MoveNode { at, .. } => format!("Move node to {at:.6}"),
+            Self::SetNodeStyle { style, .. } => format!("Dress node in {style}"),
+            Self::RemoveNode { .. } => "Remove node".to_owned(),
+            Self::SetGradientScale { .. } => "Change gradient smoothing".to_owned(),
+            Self::SetVolume { volume, .. } => format!("Use {}", volume.file),
+        }
+    }
+
+    /// Whether two successive edits of this kind are one undo step: views are, so that undo never wades through them.
+    pub fn merges_with(&self, later: &Self) -> bool {
+        matches!((self, later), (Self::SetCamera(_), Self::SetCamera(_)))
+    }
+
+    /// Makes the edit.
+    ///
+    /// # Errors
+    /// One sentence where it has no meaning; the figure is then what it was.
+    pub fn apply(self, figure: &mut Template) -> Result<()> {
+        let before = figure.clone();
+        let outcome = self.change(figure).and_then(|()| figure.check());
+        if outcome.is_err() {
+            *figure = before;
+        }
+        outcome
+    }
+
+    fn change(self, figure: &mut Template) -> Result<()> {
+        match self {
+            Self::SetTitle(title) => figure.title = title,
+            Self::SetCamera(camera) => {
+                let numbers = [camera.from, camera.up, camera.target].concat();
+                if numbers.iter().chain([&camera.fov_deg, &camera.height]).any(|n| !n.is_finite()) {
+                    bail!("the view has a number that is not finite; give another one");
+                }
+                figure.camera = camera;
+            }
+            Self::SetProjection(projection) => figure.camera.projection = projection,
+            Self::SetBackground(background) => figure.background = background,
+            Self::SetPage(page) => figure.figure = page,
+            Self::SetQuality(quality) => figure.quality = quality,
+            Self::SetTransferFunction { object, function } => *function_of(figure, object)? = function,
+            Self::InsertNode { object, node } => {
+                let nodes = &mut function_of(figure, object)?.nodes;
+                let place = nodes.partition_point(|n| n.at <= node.at);
+                nodes.insert(place, node);
+            }
+            Self::MoveNode { object, node, at, opacity } => {
+                if !(at.is_finite() && opacity.is_finite()) {
+                    bail!("a node cannot be at {at} with opacity {opacity}; give finite numbers");
+                }
+                let nodes = &mut function_of(figure, object)?.nodes;
+                let low = node.checked_sub(1).and_then(|i| nodes.get(i)).map_or(f64::NEG_INFINITY, |n| n.at);
+                let high = nodes.get(node + 1).map_or(f64::INFINITY, |n| n.at);
+                let node = node_of(nodes, node)?;
+                (node.at, node.opacity) = (at.clamp(low, high), opacity.clamp(0.0, 1.0));
+            }
+            Self::SetNodeStyle { object, node, style } => {
+                node_of(&mut function_of(figure, object)?.nodes, node)?.style = style;
+            }
+            Self::RemoveNode { object, node } => {
+                let nodes = &mut function_of(figure, object)?.nodes;
+                node_of(nodes, node)?;
+                if nodes.len() == 1 {
+                    bail!("a transfer function needs one node at least; make its opacity 0 instead");
+                }
+                nodes.remove(node);
+            }
+            Self::SetGradientScale { object, scale_mm } => {
+                if scale_mm.is_some_and(|s| !(s.is_finite() && s >= 0.0)) {
+                    bail!("gradients cannot be smoothed by {} mm; give 0 or more", scale_mm.unwrap_or_default());
+                }
+                object_of(figure, object)?.gradient_scale_mm = scale_mm;
+            }
+            Self::SetVolume { slot, volume } => match figure.volumes.get_mut(slot) {
+                Some(place) => *place = volume,
+                None => bail!("the figure has no volume number {}", slot + 1),
+            },
+        }
+        Ok(())
+    }
+}
+
+fn object_of(figure: &mut Template, object: usize) -> Result<&mut super::template::ObjectTemplate> {
+    match figure.objects.get_mut(object) {
+        Some(found) => Ok(found),
+        None => bail!("the figure has no object number {}", object + 1),
+    }
+}
+
+fn function_of(figure: &mut Template, object: usize) -> Result<&mut TransferFunctionTemplate> {
+    Ok(&mut object_of(figure, object)?.transfer_function)
+}
+
+fn node_of(nodes: &mut [NodeTemplate], node: usize) -> Result<&mut NodeTemplate> {
+    match nodes.get_mut(node) {
+        Some(found) => Ok(found),
+        None => bail!("the transfer function has no node number {}", node + 1),
+    }
+}

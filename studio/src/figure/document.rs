@@ -1,0 +1,358 @@
+//! The figure that is edited: its present, its past (undo), its undone future (redo), what is on the disk. One step per
+//! gesture, within a budget of memory.
+//!
+//! A step keeps the figure as it was. Figures are a few kilobytes of plain data (voxels are shared outside of them), so that
+//! whole copies are cheaper to get right than inverse commands, and undoing everything gives the first figure byte for byte.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use anyhow::Result;
+
+use super::command::Command;
+use super::template::Template;
+
+/// Memory that past figures may take, in bytes of their JSON.
+const BUDGET: usize = 64 << 20;
+
+#[derive(Clone, Debug)]
+struct Step {
+    label: String,
+    /// The figure before the step (undo) or after it (redo).
+    figure: Arc<Template>,
+    bytes: usize,
+}
+
+/// A gesture that is not finished: a drag with the button still down.
+#[derive(Clone, Debug)]
+struct Gesture {
+    before: Arc<Template>,
+    label: Option<String>,
+}
+
+/// A figure with its past and its undone future.
+#[derive(Clone, Debug)]
+pub struct Document {
+    figure: Arc<Template>,
+    undo: VecDeque<Step>,
+    redo: Vec<Step>,
+    gesture: Option<Gesture>,
+    /// The last command, while nothing else has happened since: what a later one may merge with.
+    last: Option<Command>,
+    /// What is on the disk.
+    saved: Arc<Template>,
+    budget: usize,
+}
+
+impl Document {
+    /// A document without a past, as if just saved.
+    pub fn new(figure: Template) -> Self {
+        let figure = Arc::new(figure);
+        Self {
+            saved: figure.clone(),
+            figure,
+            undo: VecDeque::new(),
+            redo: Vec::new(),
+            gesture: None,
+            last: None,
+            budget: BUDGET,
+        }
+    }
+
+    /// The figure as it is now.
+    pub fn figure(&self) -> &Arc<Template> {
+        &self.figure
+    }
+
+    /// Whether it is another one than on the disk.
+    pub fn is_changed(&self) -> bool {
+        self.figure != self.saved
+    }
+
+    /// Takes note that `figure` was written.
+    pub fn mark_saved(&mut self, figure: &Arc<Template>) {
+        self.saved = figure.clone();
+    }
+
+    /// What undo would take back.
+    pub fn undo_label(&self) -> Option<&str> {
+        self.undo.back().map(|step| step.label.as_str())
+    }
+
+    /// What redo would bring again.
+    pub fn redo_label(&self) -> Option<&str> {
+        self.redo.last().map(|step| step.label.as_str())
+    }
+
+    /// The undo steps' labels, oldest first.
+    pub fn labels(&self) -> impl Iterator<Item = &str> {
+        self.undo.iter().map(|step| step.label.as_str())
+    }
+
+    /// Makes an edit: a step of its own, or a part of the gesture that is under way. An edit that changes nothing is none.
+    ///
+    /// # Errors
+    /// What the command says; nothing has then happened.
+    pub fn apply(&mut self, command: Command) -> Result<()> {
+        let (label, kept) = (command.label(), command.clone());
+        let mut figure = Template::clone(&self.figure);
+        command.apply(&mut figure)?;
+        if figure == *self.figure {
+            return Ok(());
+        }
+        let before = std::mem::replace(&mut self.figure, Arc::new(figure));
+        match &mut self.gesture {
+            Some(gesture) => gesture.label = Some(label),
+            None => {
+                let merges = self.last.as_ref().is_some_and(|last| last.merges_with(&kept)) && self.redo.is_empty();
+                if !merges {
+                    self.push(label, before);
+                }
+                self.redo.clear();
+                self.last = Some(kept);
+            }
+        }
+        Ok(())
+    }
+
+    /// Begins a gesture: what is applied until [`Document::commit`] is one step. One that is under way is committed first.
+    pub fn begin(&mut self) {
+        self.commit();
+        self.gesture = Some(Gesture { before: self.figure.clone(), label: None });
+    }
+
+    /// Ends a gesture, with one undo step if it changed anything.
+    pub fn commit(&mut self) {
+        let Some(gesture) = self.gesture.take() else { return };
+        let Some(label) = gesture.label.filter(|_| gesture.before != self.figure) else { return };
+        self.push(label, gesture.before);
+        self.redo.clear();
+        self.last = None;
+    }
+
+    /// Gives a gesture up: the figure is again what it was at its start.
+    pub fn abort(&mut self) {
+        if let Some(gesture) = self.gesture.take() {
+            self.figure = gesture.before;
+        }
+    }
+
+    /// Whether a gesture is under way.
+    pub fn in_gesture(&self) -> bool {
+        self.gesture.is_some()
+    }
+
+    /// Takes the last step back (a gesture under way is aborted instead); whether there was one.
+    pub fn undo(&mut self) -> bool {
+        if self.in_gesture() {
+            self.abort();
+            return true;
+        }
+        let Some(step) = self.undo.pop_back() else { return false };
+        let now = std::mem::replace(&mut self.figure, step.figure);
+        self.redo.push(Step { label: step.label, bytes: size(&now), figure: now });
+        self.last = None;
+        true
+    }
+
+    /// Brings the last undone step again; whether there was one.
+    pub fn redo(&mut self) -> bool {
+        if self.in_gesture() {
+            return false;
+        }
+        let Some(step) = self.redo.pop() else { return false };
+        let before = std::mem::replace(&mut self.figure, step.figure);
+        self.push(step.label, before);
+        self.last = None;
+        true
+    }
+
+    fn push(&mut self, label: String, before: Arc<Template>) {
+        let bytes = size(&before);
+        self.undo.push_back(Step { label, figure: before, bytes });
+        let mut all: usize = self.undo.iter().map(|s| s.bytes).sum();
+        while all > self.budget
+            && let Some(oldest) = self.undo.pop_front()
+        {
+            all -= oldest.bytes;
+        }
+    }
+}
+
+/// What a figure takes, near enough.
+fn size(figure: &Template) -> usize {
+    let nodes: usize = figure.objects.iter().map(|o| o.transfer_function.nodes.len()).sum();
+    2048 + 256 * nodes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figure::template::{NodeTemplate, ProjectionName, QualityName};
+
+    fn figure() -> Template {
+        Template::parse(include_str!("../../../templates/head_glass.json")).unwrap()
+    }
+
+    fn camera(document: &Document, height: f64) -> Command {
+        Command::SetCamera(crate::figure::template::CameraTemplate { height, ..document.figure().camera.clone() })
+    }
+
+    #[test]
+    fn a_gesture_is_one_step_and_can_be_given_up() {
+        let mut document = Document::new(figure());
+        document.begin();
+        for height in [1.9, 1.8, 1.7] {
+            document.apply(camera(&document, height)).unwrap();
+        }
+        document.commit();
+        assert_eq!(document.labels().collect::<Vec<_>>(), ["Move view"]);
+        document.begin();
+        document.apply(Command::SetTitle("Another".to_owned())).unwrap();
+        document.abort();
+        assert!(document.figure().title == figure().title && document.figure().camera.height == 1.7);
+        // A gesture that comes back to where it began is none.
+        document.begin();
+        document.apply(camera(&document, 3.0)).unwrap();
+        document.apply(camera(&document, 1.7)).unwrap();
+        document.commit();
+        assert_eq!(document.labels().count(), 1);
+        assert!(document.undo() && !document.undo() && !document.is_changed());
+        assert_eq!(document.redo_label(), Some("Move view"));
+        assert!(document.redo() && document.figure().camera.height == 1.7 && document.is_changed());
+    }
+
+    #[test]
+    fn views_merge_and_a_new_edit_clears_redo() {
+        let mut document = Document::new(figure());
+        for height in [1.9, 1.8, 1.7] {
+            document.apply(camera(&document, height)).unwrap();
+        }
+        document.apply(Command::SetQuality(QualityName::Draft)).unwrap();
+        document.apply(camera(&document, 1.0)).unwrap();
+        assert_eq!(document.labels().collect::<Vec<_>>(), ["Move view", "Change quality", "Move view"]);
+        document.undo();
+        document.undo();
+        document.apply(Command::SetTitle("New".to_owned())).unwrap();
+        assert!(document.redo_label().is_none());
+        // What changes nothing is no step.
+        document.apply(Command::SetTitle("New".to_owned())).unwrap();
+        assert_eq!(document.labels().count(), 2);
+    }
+
+    #[test]
+    fn what_has_no_meaning_changes_nothing() {
+        let mut document = Document::new(figure());
+        let node = NodeTemplate { at: f64::NAN, style: "bone".to_owned(), opacity: 0.5, extra: Default::default() };
+        let camera = crate::figure::template::CameraTemplate { fov_deg: f64::NAN, ..figure().camera };
+        for bad in [
+            Command::MoveNode { object: 0, node: 99, at: 1.0, opacity: 0.5 },
+            Command::MoveNode { object: 0, node: 0, at: f64::NAN, opacity: 0.5 },
+            Command::MoveNode { object: 7, node: 0, at: 1.0, opacity: 0.5 },
+            Command::InsertNode { object: 0, node },
+            Command::RemoveNode { object: 0, node: 99 },
+            Command::SetGradientScale { object: 0, scale_mm: Some(-1.0) },
+            Command::SetCamera(camera),
+            Command::SetPage(crate::figure::template::Page { width_mm: 0.0, ..figure().figure }),
+        ] {
+            let said = document.apply(bad.clone()).unwrap_err().to_string();
+            assert!(!said.contains('\n') && said.contains(';') || said.contains("number"), "{bad:?}: {said}");
+            assert_eq!(**document.figure(), figure(), "{bad:?}");
+        }
+        assert!(document.undo_label().is_none());
+    }
+
+    #[test]
+    fn the_oldest_steps_go_when_the_budget_is_full() {
+        let mut document = Document::new(figure());
+        document.budget = 10 * size(document.figure());
+        for i in 0..50 {
+            document.apply(Command::SetTitle(i.to_string())).unwrap();
+        }
+        assert_eq!(document.labels().count(), 10);
+        while document.undo() {}
+        assert_eq!(document.figure().title, "39");
+    }
+
+    /// A linear congruential generator: the same walk on every machine.
+    struct Dice(u64);
+
+    impl Dice {
+        fn below(&mut self, n: usize) -> usize {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((self.0 >> 33) as usize) % n
+        }
+
+        fn number(&mut self) -> f64 {
+            // Now and then one that makes no sense.
+            match self.below(60) {
+                0 => f64::NAN,
+                1 => f64::INFINITY,
+                2 => -1e300,
+                _ => 1000.0 * (self.below(10_000) as f64 / 5000.0 - 1.0),
+            }
+        }
+
+        fn command(&mut self, document: &Document) -> Command {
+            let node = self.below(9);
+            let object = usize::from(self.below(20) == 0);
+            match self.below(10) {
+                0 => Command::SetTitle(format!("Figure {}", self.below(5))),
+                1 => camera(document, self.number().abs()),
+                2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
+                3 => Command::SetQuality([QualityName::Draft, QualityName::Final][self.below(2)]),
+                4 => Command::InsertNode {
+                    object,
+                    node: NodeTemplate {
+                        at: self.number(),
+                        style: "wax".to_owned(),
+                        opacity: self.below(12) as f64 / 10.0,
+                        extra: Default::default(),
+                    },
+                },
+                5 => Command::RemoveNode { object, node },
+                6 => Command::SetNodeStyle { object, node, style: "clay".to_owned() },
+                7 => Command::SetGradientScale { object, scale_mm: Some(self.number()) },
+                8 => Command::SetPage(crate::figure::template::Page {
+                    width_mm: self.number(),
+                    ..document.figure().figure.clone()
+                }),
+                _ => Command::MoveNode { object, node, at: self.number(), opacity: self.number() },
+            }
+        }
+    }
+
+    #[test]
+    fn a_random_walk_keeps_the_figure_whole_and_can_be_undone_to_its_first_byte() {
+        let first = figure().to_json().unwrap();
+        for seed in 0..20 {
+            let mut dice = Dice(seed);
+            let mut document = Document::new(figure());
+            let mut refused = 0;
+            for _ in 0..300 {
+                match dice.below(12) {
+                    0 => drop(document.undo()),
+                    1 => drop(document.redo()),
+                    2 => document.begin(),
+                    3 => document.commit(),
+                    4 => document.abort(),
+                    _ => refused += usize::from(document.apply(dice.command(&document)).is_err()),
+                }
+                // What can be edited can be saved and read again, and says the same.
+                let text = document.figure().to_json().unwrap();
+                assert_eq!(Template::parse(&text).unwrap(), **document.figure(), "seed {seed}");
+            }
+            assert!((10..200).contains(&refused), "{refused}");
+            document.commit();
+            let last = document.figure().to_json().unwrap();
+            let mut steps = 0;
+            while document.undo() {
+                steps += 1;
+            }
+            assert_eq!(document.figure().to_json().unwrap(), first, "seed {seed}");
+            assert!(steps > 20, "{steps}");
+            while document.redo() {}
+            assert_eq!(document.figure().to_json().unwrap(), last, "seed {seed}");
+        }
+    }
+}
