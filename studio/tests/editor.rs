@@ -203,6 +203,27 @@ fn what_is_saved_is_what_was_seen() {
 }
 
 #[test]
+fn a_figure_saved_elsewhere_still_finds_its_volume() {
+    let place = Place::new();
+    std::fs::create_dir(place.path("deeper")).unwrap();
+    let target = place.path("deeper").join("copy.json");
+    let mut harness = opened(&place);
+    run(&mut harness, UiCommand::SaveAs);
+    harness.step();
+    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    harness.event(Event::Text(target.display().to_string()));
+    harness.step();
+    harness.key_press(Key::Enter);
+    harness.step();
+    harness.step();
+    assert_eq!(editor(&harness).banner(), None);
+    let mut copy = self::harness(&[target]);
+    settle(&mut copy);
+    assert_eq!(editor(&copy).banner(), None);
+    assert!(figure(&copy).volumes[0].file.ends_with("block.raw"));
+}
+
+#[test]
 fn faults_are_said_and_lose_nothing() {
     let place = Place::new();
     std::fs::write(place.path("damaged.json"), "{\"fabrica\": 1, ").unwrap();

@@ -614,7 +614,8 @@ fn path_dialog(ui: &mut Ui, title: &str, verb: &str, text: &mut String) -> Optio
     if ui.memory(|m| m.focused().is_none()) {
         field.request_focus();
     }
-    let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
+    // The field keeps the focus, so that Enter does not end it as elsewhere.
+    let entered = ui.input(|i| i.key_pressed(Key::Enter));
     let mut choice = None;
     ui.horizontal(|ui| {
         if (ui.button(verb).clicked() || entered) && !text.trim().is_empty() {
