@@ -1,4 +1,4 @@
-//! Whether `--max-error` keeps its promise on figures that nothing was tuned on: real scans, looks and views drawn by lot,
+//! Whether `--max-error` keeps its promise on figures that no shipped template shows: real scans, looks and views drawn by lot,
 //! against the refined reference. `cargo bench -p fabrica-studio --bench held_out [-- NUMBER]`; it takes minutes.
 
 #![expect(clippy::unwrap_used, reason = "a benchmark fails by panicking")]
@@ -13,7 +13,7 @@ use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::{Error, Progress};
 use fabrica_studio::figure::{Template, bridge};
 
-/// Scans that no shipped template shows and no constant was set by.
+/// Scans that no shipped template shows .
 const VOLUMES: [&str; 8] = [
     "brain_skullstripped_eun.nii.gz",
     "stroke_T1.nii.gz",

@@ -40,11 +40,10 @@ impl Place {
     }
 }
 
-fn harness(files: &[PathBuf]) -> Harness<'static, Option<Editor>> {
-    let files = files.to_vec();
+fn harness(file: Option<PathBuf>) -> Harness<'static, Option<Editor>> {
     let app = move |ui: &mut eframe::egui::Ui, state: &mut Option<Editor>| {
         let ctx = ui.ctx().clone();
-        state.get_or_insert_with(|| Editor::new(&ctx, AdapterChoice::Software, &files)).ui(ui);
+        state.get_or_insert_with(|| Editor::new(&ctx, AdapterChoice::Software, file.clone())).ui(ui);
     };
     Harness::builder().with_size(Vec2::new(640.0, 480.0)).build_ui_state(app, None)
 }
@@ -66,7 +65,7 @@ fn settle(harness: &mut Harness<'static, Option<Editor>>) {
 }
 
 fn opened(place: &Place) -> Harness<'static, Option<Editor>> {
-    let mut harness = harness(&[place.path("figure.json")]);
+    let mut harness = harness(Some(place.path("figure.json")));
     settle(&mut harness);
     assert_eq!(editor(&harness).banner(), None);
     harness
@@ -136,7 +135,7 @@ fn escape_gives_a_drag_up() {
 #[test]
 fn every_command_can_be_reached_and_says_why_when_it_cannot() {
     let place = Place::new();
-    let mut empty = harness(&[]);
+    let mut empty = harness(None);
     empty.step();
     for command in UiCommand::ALL {
         assert_eq!(editor(&empty).disabled(*command).is_some(), command.needs_figure(), "{command:?}");
@@ -217,7 +216,7 @@ fn a_figure_saved_elsewhere_still_finds_its_volume() {
     harness.step();
     harness.step();
     assert_eq!(editor(&harness).banner(), None);
-    let mut copy = self::harness(&[target]);
+    let mut copy = self::harness(Some(target));
     settle(&mut copy);
     assert_eq!(editor(&copy).banner(), None);
     assert!(figure(&copy).volumes[0].file.ends_with("block.raw"));
@@ -227,12 +226,12 @@ fn a_figure_saved_elsewhere_still_finds_its_volume() {
 fn faults_are_said_and_lose_nothing() {
     let place = Place::new();
     std::fs::write(place.path("damaged.json"), "{\"fabrica\": 1, ").unwrap();
-    let mut damaged = harness(&[place.path("damaged.json")]);
+    let mut damaged = harness(Some(place.path("damaged.json")));
     settle(&mut damaged);
     assert!(editor(&damaged).banner().unwrap().contains("not JSON") && editor(&damaged).document().is_none());
     // Without its volume a figure opens all the same.
     std::fs::remove_file(place.path("block.raw")).unwrap();
-    let mut harness = harness(&[place.path("figure.json")]);
+    let mut harness = harness(Some(place.path("figure.json")));
     let start = Instant::now();
     while editor_or(&harness).is_none_or(|e| e.document().is_none()) {
         assert!(start.elapsed() < Duration::from_secs(60));

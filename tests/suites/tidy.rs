@@ -6,6 +6,7 @@ use std::process::Command;
 
 use fabrica_engine::gpu::shader_library::{MODULES, RaycastKey};
 use fabrica_engine::pass::raycast::{FrameUniform, ObjectUniform};
+use fabrica_engine::scene::quality::{MAX_ROUNDS, PARTS};
 use fabrica_engine::wgpu::naga;
 use fabrica_tests::checkout;
 
@@ -67,6 +68,19 @@ fn every_shader_module_is_used() {
         }
     }
     assert_eq!(files, MODULES.len(), "a shader file is not in the library");
+}
+
+#[test]
+fn constants_that_both_sides_know_are_the_same() {
+    let module = parse(&RaycastKey::all().next().unwrap().wgsl().unwrap());
+    for (name, ours) in [("PARTS", PARTS), ("MAX_ROUNDS", MAX_ROUNDS)] {
+        let (_, constant) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name)).unwrap();
+        let theirs = &module.global_expressions[constant.init];
+        assert!(
+            matches!(theirs, naga::Expression::Literal(naga::Literal::U32(n)) if *n == ours),
+            "{name} is {ours} here and {theirs:?} in the shader"
+        );
+    }
 }
 
 /// Offset and name of each member of a struct, from the shader's own layout.

@@ -22,7 +22,7 @@ pub struct Quality {
 pub const PARTS: u32 = 4;
 
 /// Rounds of the raycaster's loops in one pass (`MAX_ROUNDS` of `shaders/raycast.wgsl`).
-const MAX_ROUNDS: u32 = 65_000;
+pub const MAX_ROUNDS: u32 = 65_000;
 
 impl Quality {
     /// Two voxels a step: for a look.
@@ -44,8 +44,8 @@ impl Quality {
 
     /// How many pieces one pass of the raycaster may walk: software adapters end a shader's loops silently after 65 535
     /// rounds, summed over the nest. A piece takes a leap, two looks for something that shows and the ends of three loops,
-    /// and a part of it its end and one look at the style; half of the rounds are
-    /// left for more looks.
+    /// and a part of it its end and one look at the style; half of the rounds are left for more
+    /// looks.
     pub fn pieces_per_pass() -> u32 {
         MAX_ROUNDS / 2 / (5 + 2 * PARTS)
     }

@@ -81,7 +81,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         let matches = matches.subcommand().map_or(&matches, |(_, m)| m);
         match cli.command {
             Some(command) => run(command, matches),
-            None => crate::editor::open_window(Vec::new(), AdapterChoice::Auto),
+            None => crate::editor::open_window(None, AdapterChoice::Auto),
         }
     });
     match outcome {

@@ -4,26 +4,22 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context as _, Result};
 use eframe::egui::{
     self, Align2, CentralPanel, Color32, ColorImage, Context, FontId, Key, Modal, Panel, PointerButton, Pos2, Rect,
     Sense, TextureHandle, TextureOptions, Ui, Vec2, ViewportCommand,
 };
+use fabrica_engine::Error;
 use fabrica_engine::gpu::AdapterChoice;
-use fabrica_engine::image_out::save_atomic;
-use fabrica_engine::read::ReadOptions;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
-use fabrica_engine::{Error, Progress};
 use glam::DVec3;
 
-use super::painter::{Loaded, Loading, Painter, Request, Stage, Update};
+use super::files::{Loaded, Loading, is_template, save};
+use super::painter::{Painter, Request, Stage, Update};
 use super::ui_command::UiCommand;
 use super::{theme, view};
-use crate::figure::first_look::first_look;
-use crate::figure::source::VolumeSource;
 use crate::figure::template::QualityName;
-use crate::figure::{Command, Document, Template, bridge};
+use crate::figure::{Command, Document, Template};
 
 /// What is open.
 struct Open {
@@ -80,8 +76,8 @@ pub struct Editor {
 }
 
 impl Editor {
-    /// An editor without a figure; `files` are opened, the first of them that can be.
-    pub fn new(ctx: &Context, adapter: AdapterChoice, files: &[PathBuf]) -> Self {
+    /// An editor without a figure; `file` is opened.
+    pub fn new(ctx: &Context, adapter: AdapterChoice, file: Option<PathBuf>) -> Self {
         theme::install(ctx);
         ctx.options_mut(|o| o.zoom_with_keyboard = false);
         let wake = ctx.clone();
@@ -96,8 +92,8 @@ impl Editor {
             notice: String::new(),
             quitting: false,
         };
-        if let Some(file) = files.first() {
-            editor.load(ctx, file.clone());
+        if let Some(file) = file {
+            editor.load(ctx, file);
         }
         editor
     }
@@ -123,9 +119,7 @@ impl Editor {
         }
         self.banner = None;
         let wake = ctx.clone();
-        let file = path.clone();
-        self.loading =
-            Some(Loading::start(path, move |progress| load(&file, progress), move || wake.request_repaint()));
+        self.loading = Some(Loading::start(path, move || wake.request_repaint()));
     }
 
     fn poll(&mut self, ctx: &Context) {
@@ -145,9 +139,12 @@ impl Editor {
             match update {
                 Update::Ready(name) => self.adapter = name,
                 Update::Failed { number, message } if number == self.shown.number => self.banner = Some(message),
-                Update::Picture { number, size, pixels, stage } if number == self.shown.number => {
-                    let image = ColorImage::from_rgba_premultiplied(size, &pixels);
+                Update::Rows { number, size, y, num_rows, pixels, stage } if number == self.shown.number => {
+                    let image = ColorImage::from_rgba_premultiplied([size[0], num_rows], &pixels);
                     match &mut self.shown.texture {
+                        Some(texture) if texture.size() == size && num_rows < size[1] => {
+                            texture.set_partial([0, y], image, TextureOptions::LINEAR);
+                        }
                         Some(texture) => texture.set(image, TextureOptions::LINEAR),
                         none => *none = Some(ctx.load_texture("figure", image, TextureOptions::LINEAR)),
                     }
@@ -160,10 +157,9 @@ impl Editor {
 
     fn show_loaded(&mut self, path: PathBuf, loaded: Loaded) {
         let is_template = is_template(&path);
-        if loaded.volumes.is_empty() && !loaded.notes.is_empty() {
-            self.banner = Some(loaded.notes.join("; "));
-        }
-        self.notice = loaded.notes.join("; ");
+        let notes = loaded.notes.join("; ");
+        (self.banner, self.notice) =
+            if loaded.volumes.is_empty() { (Some(notes), String::new()) } else { (None, notes) };
         self.shown = Shown { number: self.shown.number, ..Shown::default() };
         self.open = Some(Open {
             document: Document::new(loaded.figure),
@@ -377,13 +373,7 @@ impl Editor {
         egui::MenuBar::new().ui(ui, |ui| {
             let mut names: Vec<&str> = UiCommand::ALL.iter().map(|c| c.menu()).collect();
             names.dedup();
-            let mut order: Vec<&str> = Vec::new();
             for name in names {
-                if !order.contains(&name) {
-                    order.push(name);
-                }
-            }
-            for name in order {
                 ui.menu_button(name, |ui| {
                     for command in UiCommand::ALL.iter().filter(|c| c.menu() == name) {
                         self.menu_item(&ctx, ui, *command);
@@ -638,60 +628,6 @@ fn matches(name: &str, typed: &str) -> bool {
 fn frame_in(area: Rect, aspect: f32) -> Rect {
     let width = area.width().min(area.height() * aspect).max(1.0);
     Rect::from_center_size(area.center(), Vec2::new(width, width / aspect))
-}
-
-fn is_template(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"))
-}
-
-/// Reads a figure with its volumes, or a volume, which gets a first look.
-fn load(path: &Path, progress: &Progress) -> Result<Loaded> {
-    if is_template(path) {
-        let figure = Template::read(path)?;
-        let folder = path.parent().unwrap_or(Path::new(""));
-        return Ok(match bridge::load_volumes(&figure, folder, &[], progress) {
-            Ok(volumes) => {
-                let notes = volumes.iter().flat_map(|v| v.warnings.clone()).collect();
-                Loaded { figure, volumes, notes }
-            }
-            Err(error) if error.downcast_ref::<Error>().is_some_and(|e| matches!(e, Error::Cancelled)) => {
-                return Err(error);
-            }
-            // The figure opens without them: nothing of it is lost.
-            Err(error) => Loaded { figure, volumes: Vec::new(), notes: vec![format!("{error:#}")] },
-        });
-    }
-    let name = path.to_str().context("the path is not UTF-8, and templates are; rename the file")?;
-    let source = VolumeSource::parse(name, Path::new(""))?;
-    let volume = source.load(&ReadOptions::default(), progress)?;
-    let file = match &source {
-        VolumeSource::Path(path) => std::path::absolute(path)?.display().to_string(),
-        VolumeSource::Specimen { .. } => name.to_owned(),
-    };
-    let figure = first_look(&volume, &file, progress)?;
-    Ok(Loaded { figure, notes: volume.warnings.clone(), volumes: vec![volume] })
-}
-
-/// Writes a figure as a template and gives back what was written: files that were named relative to the place of before are
-/// named so that they are found from the new one.
-fn save(figure: &Template, before: Option<&Path>, path: &Path) -> Result<Template> {
-    let mut written = figure.clone();
-    let folder = |p: &Path| std::path::absolute(p).ok().and_then(|p| p.parent().map(Path::to_owned));
-    let (old, new) = (before.and_then(folder), folder(path));
-    if let Some(old) = old.filter(|old| new.as_ref() != Some(old)) {
-        for slot in &mut written.volumes {
-            if let VolumeSource::Path(file) = VolumeSource::parse(&slot.file, &old)? {
-                slot.file = file.display().to_string();
-            }
-        }
-    }
-    let text = written.to_json()?;
-    save_atomic(path, |file| {
-        use std::io::Write as _;
-        file.write_all(text.as_bytes()).map_err(|e| Error::io(path, &e))
-    })
-    .context("the figure was not saved")?;
-    Ok(written)
 }
 
 impl eframe::App for Editor {

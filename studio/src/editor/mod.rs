@@ -1,6 +1,7 @@
 //! The window on a figure: how it is edited. Everything but `open_window` runs without a window too, in tests.
 
 pub mod app;
+pub mod files;
 pub mod painter;
 pub mod theme;
 pub mod ui_command;
@@ -19,7 +20,7 @@ pub use ui_command::UiCommand;
 ///
 /// # Errors
 /// One sentence where there is no display or no adapter for the window.
-pub fn open_window(files: Vec<PathBuf>, adapter: AdapterChoice) -> Result<()> {
+pub fn open_window(file: Option<PathBuf>, adapter: AdapterChoice) -> Result<()> {
     let options = eframe::NativeOptions {
         viewport: ViewportBuilder::default()
             .with_title("Fabrica")
@@ -27,6 +28,6 @@ pub fn open_window(files: Vec<PathBuf>, adapter: AdapterChoice) -> Result<()> {
             .with_inner_size(Vec2::new(1280.0, 800.0)),
         ..Default::default()
     };
-    eframe::run_native("Fabrica", options, Box::new(move |cc| Ok(Box::new(Editor::new(&cc.egui_ctx, adapter, &files)))))
+    eframe::run_native("Fabrica", options, Box::new(move |cc| Ok(Box::new(Editor::new(&cc.egui_ctx, adapter, file)))))
         .map_err(|e| anyhow!("the window cannot be opened ({e}); without a display, use `fabrica render`"))
 }

@@ -4,8 +4,7 @@
 //! It has a device of its own, apart from the window's: nothing that it draws can hold the window up, a lost device is its
 //! own affair, and new pipelines compile here.
 
-use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -13,7 +12,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use fabrica_engine::gpu::{AdapterChoice, GpuContext};
 use fabrica_engine::progress::Progress;
-use fabrica_engine::render::{FloatImage, RenderOptions, Renderer, sampled_size};
+use fabrica_engine::render::{RenderOptions, Renderer};
 use fabrica_engine::scene::{Background, Quality, Scene};
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
@@ -52,12 +51,17 @@ pub enum Stage {
 pub enum Update {
     /// The adapter is open: its name.
     Ready(String),
-    /// A picture, sRGB with opaque pixels, row by row from the top.
-    Picture {
-        /// Of the request that it belongs to.
+    /// Rows of a picture, sRGB with opaque pixels.
+    Rows {
+        /// Of the request that they belong to.
         number: u64,
-        /// Columns and rows; fewer than asked for while it is coarse.
+        /// Columns and rows of the picture: fewer than asked for while it is coarse. Less than all of its rows go into the
+        /// picture of this size that came last.
         size: [usize; 2],
+        /// The first of these rows.
+        y: usize,
+        /// How many they are.
+        num_rows: usize,
         /// RGBA.
         pixels: Vec<u8>,
         /// How far it is.
@@ -210,11 +214,11 @@ fn draw(
     let start = Instant::now();
     let (scene, _) = bridge::scene(&request.figure, &request.volumes, styles, progress)?;
     let draft = Scene { quality: Quality::DRAFT, ..scene.clone() };
-    let picture = |image: &FloatImage, stage| Update::Picture {
-        number,
-        size: [image.width as usize, image.height as usize],
-        pixels: opaque_srgb(image, scene.background),
-        stage,
+    let rows = |size: [u32; 2], y: u32, pixels: &[[f32; 4]], stage| {
+        let (size, y) = (size.map(|n| n as usize), y as usize);
+        let num_rows = pixels.len() / size[0];
+        let pixels = opaque_srgb(y, size[0], pixels, scene.background);
+        tell(Update::Rows { number, size, y, num_rows, pixels, stage });
     };
     // Coarse: of every `stride`² pixels one. The stride follows the time that the last one took.
     let options = RenderOptions { stride: *stride, tile: 4096, ..RenderOptions::default() };
@@ -222,42 +226,46 @@ fn draw(
     let image = renderer.render(&draft, request.size, &options, progress)?;
     let ratio = coarse.elapsed().as_secs_f64() / COARSE.as_secs_f64();
     *stride = ((f64::from(*stride) * ratio.sqrt()).ceil() as u32).clamp(2, 16);
-    tell(picture(&image, Stage::Coarse));
+    rows([image.width, image.height], 0, &image.pixels, Stage::Coarse);
     if request.coarse_only {
         return Ok(());
     }
     // All pixels at draft quality, then again at the figure's, row of tiles by row of tiles.
     let options = RenderOptions { tile: TILE, ..RenderOptions::default() };
-    let mut whole = renderer.render(&draft, request.size, &options, progress)?;
-    tell(picture(&whole, Stage::Refining(0.0)));
-    if scene.quality != draft.quality {
-        let [width, height] = sampled_size(request.size, 1);
-        let mut done = 0;
-        renderer.render_bands(&scene, request.size, &options, progress, |band| {
-            whole.pixels[done..done + band.len()].copy_from_slice(band);
-            done += band.len();
-            if done < whole.pixels.len() {
-                tell(picture(&whole, Stage::Refining(done as f32 / (width * height) as f32)));
-            }
-            Ok(())
-        })?;
+    let whole = renderer.render(&draft, request.size, &options, progress)?;
+    let done = |num_rows: u32| {
+        if num_rows < request.size[1] {
+            Stage::Refining(num_rows as f32 / request.size[1] as f32)
+        } else {
+            Stage::Refined { seconds: start.elapsed().as_secs_f32() }
+        }
+    };
+    if scene.quality == draft.quality {
+        rows(request.size, 0, &whole.pixels, done(request.size[1]));
+        return Ok(());
     }
-    tell(picture(&whole, Stage::Refined { seconds: start.elapsed().as_secs_f32() }));
+    rows(request.size, 0, &whole.pixels, done(0));
+    let mut y = 0;
+    renderer.render_bands(&scene, request.size, &options, progress, |band| {
+        let num_rows = band.len() as u32 / request.size[0];
+        rows(request.size, y, band, done(y + num_rows));
+        y += num_rows;
+        Ok(())
+    })?;
     Ok(())
 }
 
 /// Edge of a square of the checkerboard behind transparent figures, in pixels, and its two grays (linear).
 const CHECKER: (usize, [f32; 2]) = (8, [0.55, 0.75]);
 
-/// RGBA bytes of a picture, transparent ones over a checkerboard.
-fn opaque_srgb(image: &FloatImage, background: Background) -> Vec<u8> {
-    let width = image.width as usize;
-    let mut bytes = Vec::with_capacity(4 * image.pixels.len());
-    for (i, pixel) in image.pixels.iter().enumerate() {
+/// RGBA bytes of the rows of a picture from `y` on, transparent ones over a checkerboard.
+fn opaque_srgb(y: usize, width: usize, pixels: &[[f32; 4]], background: Background) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(4 * pixels.len());
+    for (i, pixel) in pixels.iter().enumerate() {
         let behind = match background {
             Background::Color(_) => 0.0,
             Background::Transparent => {
-                let square = (i % width / CHECKER.0 + i / width / CHECKER.0) % 2;
+                let square = (i % width / CHECKER.0 + (y + i / width) / CHECKER.0) % 2;
                 (1.0 - pixel[3]) * CHECKER.1[square]
             }
         };
@@ -265,46 +273,4 @@ fn opaque_srgb(image: &FloatImage, background: Background) -> Vec<u8> {
         bytes.push(255);
     }
     bytes
-}
-
-/// Volumes that are being read, on a thread of their own.
-pub struct Loading {
-    /// What is read.
-    pub path: PathBuf,
-    /// To be polled and cancelled.
-    pub progress: Progress,
-    result: Receiver<Result<Loaded>>,
-}
-
-/// A figure with its volumes.
-pub struct Loaded {
-    /// The figure.
-    pub figure: Template,
-    /// One a slot; empty if they could not be read.
-    pub volumes: Vec<Arc<Volume>>,
-    /// What the user shall know, a sentence each.
-    pub notes: Vec<String>,
-}
-
-impl Loading {
-    /// Begins to read with `read`; `wake` is called at the end.
-    pub fn start(
-        path: PathBuf,
-        read: impl FnOnce(&Progress) -> Result<Loaded> + Send + 'static,
-        wake: impl Fn() + Send + 'static,
-    ) -> Self {
-        let progress = Progress::new();
-        let (sender, result): (Sender<Result<Loaded>>, _) = channel();
-        let theirs = progress.clone();
-        std::thread::spawn(move || {
-            let _ = sender.send(read(&theirs));
-            wake();
-        });
-        Self { path, progress, result }
-    }
-
-    /// The outcome, once.
-    pub fn finished(&self) -> Option<Result<Loaded>> {
-        self.result.try_recv().ok()
-    }
 }

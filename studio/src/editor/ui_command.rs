@@ -35,7 +35,7 @@ pub enum UiCommand {
 use UiCommand as C;
 
 impl UiCommand {
-    /// Every one, in the order of the menus.
+    /// Every one, in the order of the menus, each menu in one run.
     pub const ALL: &[Self] = &[
         C::Open,
         C::Save,
@@ -169,6 +169,12 @@ mod tests {
 
     #[test]
     fn names_and_keys_are_of_one_command_each() {
+        let mut menus: Vec<&str> = UiCommand::ALL.iter().map(|c| c.menu()).collect();
+        menus.dedup();
+        let runs = menus.len();
+        menus.sort_unstable();
+        menus.dedup();
+        assert_eq!(menus.len(), runs, "a menu's commands stand together");
         for (i, a) in UiCommand::ALL.iter().enumerate() {
             assert!(!a.text().is_empty() && !a.tooltip().is_empty());
             for b in &UiCommand::ALL[..i] {

@@ -43,3 +43,50 @@ pub fn first_look(volume: &Volume, file: &str, progress: &Progress) -> Result<Te
     );
     Template::parse(&text)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use fabrica_engine::spaces::Grid;
+    use fabrica_engine::styles::StyleLibrary;
+    use fabrica_engine::volume::{Rescale, Voxels};
+    use glam::DAffine3;
+
+    use super::*;
+    use crate::figure::bridge;
+    use crate::figure::template::Domain;
+
+    /// A ball of `inside` in `outside`.
+    fn ball(outside: i16, inside: i16, modality: Modality) -> Volume {
+        let voxel = |i: usize| {
+            let p = [i % 16, i / 16 % 16, i / 256].map(|n| n as f64 - 7.5);
+            let near = p.iter().map(|x| x * x).sum::<f64>().sqrt();
+            if near > 6.0 { outside } else { inside - near as i16 }
+        };
+        let grid = Grid::new([16; 3], DAffine3::IDENTITY).unwrap();
+        let mut volume =
+            Volume::new(grid, Voxels::I16((0..4096).map(voxel).collect()), Rescale::IDENTITY, "test").unwrap();
+        volume.modality = modality;
+        volume
+    }
+
+    #[test]
+    fn every_kind_of_data_shows_something_in_its_own_domain() {
+        for (outside, inside, modality, domain) in [
+            (-1000, 900, Modality::Ct, Domain::Data),
+            (-1000, 900, Modality::Unknown, Domain::Data),
+            (0, 200, Modality::Unknown, Domain::Percentile),
+            (-1000, 900, Modality::Mr, Domain::Percentile),
+            (0, 200, Modality::Mr, Domain::Percentile),
+        ] {
+            let volume = ball(outside, inside, modality);
+            let figure = first_look(&volume, "a \"b\".nii", &Progress::new()).unwrap();
+            assert_eq!(figure.objects[0].transfer_function.domain, domain, "{outside} {modality:?}");
+            assert_eq!(figure.volumes[0].file, "a \"b\".nii");
+            let volumes = [Arc::new(volume)];
+            let (scene, _) = bridge::scene(&figure, &volumes, &StyleLibrary::embedded(), &Progress::new()).unwrap();
+            assert!(!scene.objects[0].shows_nothing(), "{outside} {modality:?}");
+        }
+    }
+}
