@@ -57,10 +57,42 @@ impl Error {
             }
             K::UnexpectedEof => ("the file ends too early".to_owned(), "copy or download it again"),
             K::StorageFull => ("the disk is full".to_owned(), "free some space or choose another place"),
+            K::QuotaExceeded => {
+                ("your share of the disk is used up".to_owned(), "free some space or choose another place")
+            }
+            K::ReadOnlyFilesystem => ("this disk can only be read".to_owned(), "choose another place"),
             K::IsADirectory => ("this is a folder, not a file".to_owned(), "name a file in it"),
             _ => (error.to_string(), "check the file and its disk"),
         };
         Self::file(path, what, remedy)
+    }
+
+    /// An operating-system error that kept the file at `path` from being written, where writing is whole or not at all: if
+    /// there is a file, the sentence adds that it is as it was.
+    pub fn not_written(path: &Path, error: &std::io::Error) -> Self {
+        use std::io::ErrorKind as K;
+        let fault = match error.kind() {
+            K::NotFound => Self::file(path, "there is no such folder", "create it or save elsewhere"),
+            K::NotADirectory => {
+                Self::file(path, "the path leads through a file", "name a folder before the file's name")
+            }
+            K::PermissionDenied => Self::file(
+                path,
+                "writing in this folder is not permitted",
+                "change the folder's permissions or save elsewhere",
+            ),
+            K::ReadOnlyFilesystem => Self::file(path, "this disk can only be read", "save elsewhere"),
+            K::InvalidFilename => {
+                Self::file(path, "no file can have this name here", "choose a shorter or plainer one")
+            }
+            _ => Self::io(path, error),
+        };
+        match fault {
+            Self::File { what, remedy, path } if path.is_file() => {
+                Self::File { what, remedy: remedy + "; the file there is as it was", path }
+            }
+            other => other,
+        }
     }
 
     /// A fault of the adapter.

@@ -1,4 +1,5 @@
-//! The trade as a control: which setting is accurate enough for *this* scene, or the most accurate in a given time.
+//! The trade as a control: how accurate a setting is for *this* scene, which is accurate enough, or the most accurate in a
+//! given time.
 //! Found by drawing a sparse sample of the picture's own pixels with ever smaller steps, on the adapter that will draw
 //! the picture; the reference is not needed. Works for whatever the raycaster draws.
 
@@ -69,14 +70,14 @@ impl<'a> Sampler<'a> {
         Ok(Self { renderer, scene, background, size, options, progress })
     }
 
-    /// Whether the scene can be drawn with this step.
-    fn allows(&mut self, step_voxels: f64) -> bool {
-        self.scene.quality = Quality::balanced(step_voxels);
+    /// Whether the scene can be drawn with this setting.
+    fn allows(&mut self, quality: Quality) -> bool {
+        self.scene.quality = quality;
         self.scene.validate().is_ok()
     }
 
-    fn draw(&mut self, step_voxels: f64) -> Result<FloatImage> {
-        self.scene.quality = Quality::balanced(step_voxels);
+    fn draw(&mut self, quality: Quality) -> Result<FloatImage> {
+        self.scene.quality = quality;
         self.renderer.render(&self.scene, self.size, &self.options, self.progress)
     }
 
@@ -88,6 +89,39 @@ impl<'a> Sampler<'a> {
         let found = Difference::of(&coarse, &fine, self.background, None)?.codes.p999;
         Ok(found.hypot(FLOOR_CODES))
     }
+}
+
+/// The error of the scene's own quality, drawn in `size` pixels: estimated as [`for_error`] does it, against the balanced
+/// setting of a quarter of its step (of half a voxel at most).
+///
+/// # Errors
+/// [`Error::Scene`] where there is no such finer setting; [`Error::Cancelled`] on request; else as [`Renderer::render`].
+pub fn of_quality(renderer: &mut Renderer, scene: &Scene, size: [u32; 2], progress: &Progress) -> Result<Estimate> {
+    let quality = scene.quality;
+    let against_step = (0.25 * quality.step_voxels).min(LADDER[FINER]);
+    let balanced = Quality::balanced(against_step);
+    // A setting of the user's own may look at styles more closely than its step needs: what it is compared with does too.
+    let finer = Quality {
+        step_voxels: against_step,
+        style_change: quality.style_change.min(balanced.style_change),
+        termination: quality.termination.min(balanced.termination),
+    };
+    let mut sampler = Sampler::new(renderer, scene, size, progress)?;
+    if !sampler.allows(finer) {
+        return Err(Error::scene(
+            format!("a step of {} voxels has no finer one to be compared with", quality.step_voxels),
+            "choose a longer step",
+        ));
+    }
+    let picture = sampler.draw(quality)?;
+    let finest = sampler.draw(finer)?;
+    Ok(Estimate {
+        quality,
+        codes: sampler.codes(&picture, &finest)?,
+        ms: None,
+        num_pixels: picture.pixels.len(),
+        against_step,
+    })
 }
 
 /// The cheapest setting whose error on this scene, drawn in `size` pixels, is estimated to be at most `bound` 8-bit codes
@@ -109,10 +143,10 @@ pub fn for_error(
     let target = FILL * bound;
     let mut pictures: Vec<FloatImage> = Vec::new();
     for &step in &LADDER {
-        if !sampler.allows(step) {
+        if !sampler.allows(Quality::balanced(step)) {
             break;
         }
-        pictures.push(sampler.draw(step)?);
+        pictures.push(sampler.draw(Quality::balanced(step))?);
         let Some(candidate) = pictures.len().checked_sub(FINER + 1) else { continue };
         let finest = &pictures[candidate + FINER];
         let codes = sampler.codes(&pictures[candidate], finest)?;
@@ -132,7 +166,7 @@ pub fn for_error(
             let share = (target / codes).ln() / (coarser / codes).ln();
             if coarser > codes && share > 0.1 {
                 let step = LADDER[candidate] * (LADDER[above] / LADDER[candidate]).powf(share.min(0.95));
-                let between = sampler.draw(step)?;
+                let between = sampler.draw(Quality::balanced(step))?;
                 let codes = sampler.codes(&between, finest)?;
                 if codes <= target {
                     return Ok(estimate(step, codes));
@@ -195,7 +229,7 @@ pub fn for_budget(
     let (mut step, mut step_ms) = (coarsest, whole_ms);
     for finer in LADDER.into_iter().skip(1) {
         // Without a quarter of its step to be compared with, a setting has no estimate.
-        if finer < FINEST_STEP || !sampler.allows(0.25 * finer) {
+        if finer < FINEST_STEP || !sampler.allows(Quality::balanced(0.25 * finer)) {
             break;
         }
         let (next, sample_ms) = sampler.timed(finer)?;
@@ -215,7 +249,7 @@ pub fn for_budget(
         (picture, step_ms, step) = (next, next_ms, finer);
     }
     let against_step = 0.25 * step;
-    let finest = sampler.draw(against_step)?;
+    let finest = sampler.draw(Quality::balanced(against_step))?;
     Ok(Estimate {
         quality: Quality::balanced(step),
         codes: sampler.codes(&picture, &finest)?,
@@ -242,7 +276,7 @@ impl Sampler<'_> {
 
     fn clocked(&mut self, step_voxels: f64) -> Result<(FloatImage, f64)> {
         let start = Instant::now();
-        let picture = self.draw(step_voxels)?;
+        let picture = self.draw(Quality::balanced(step_voxels))?;
         Ok((picture, start.elapsed().as_secs_f64() * 1e3))
     }
 }

@@ -294,7 +294,7 @@ pub fn save_atomic<T>(path: &Path, write: impl FnOnce(&mut AtomicFile) -> Result
     let temporary_name = format!(".{}.tmp-{}-{counter}", name.to_string_lossy(), std::process::id());
     let temporary_path = path.with_file_name(temporary_name);
 
-    let io_error = |error: io::Error| Error::io(path, &error);
+    let io_error = |error: io::Error| Error::not_written(path, &error);
     let file = OpenOptions::new().write(true).create_new(true).open(&temporary_path).map_err(io_error)?;
     let mut temporary = Temporary(Some(temporary_path.clone()));
     let mut atomic = AtomicFile { file: BufWriter::with_capacity(256 << 10, file), fault: None };
@@ -574,7 +574,13 @@ mod tests {
         let message = |path: &Path| save_png(path, 1, 1, &[[1.0; 4]], &PngOptions::default()).unwrap_err().to_string();
         assert!(message(folder.path()).contains("a folder"));
         let nowhere = message(&folder.path().join("missing").join("a.png"));
-        assert!(nowhere.contains("there is no such") && nowhere.ends_with("a.png)"), "{nowhere}");
+        assert!(nowhere.contains("there is no such folder") && nowhere.ends_with("a.png)"), "{nowhere}");
+        let through = message(&path.join("a.png"));
+        #[cfg(unix)]
+        assert!(through.contains("leads through a file"), "{through}");
+        let long = message(&folder.path().join("x".repeat(300)));
+        #[cfg(target_os = "linux")]
+        assert!(long.contains("shorter"), "{long}");
     }
 
     #[test]
@@ -596,6 +602,49 @@ mod tests {
         let mut atomic = AtomicFile { file: BufWriter::with_capacity(16, file), fault: None };
         assert!(atomic.write_all(&[0; 64]).is_err());
         assert_eq!(atomic.fault.unwrap().kind(), io::ErrorKind::StorageFull);
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_full_disk_leaves_the_old_file_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("Head.json");
+        fs::write(&path, "old").unwrap();
+        // The fault comes at once (small buffer), or when the buffer is emptied at the end.
+        for capacity in [16, 256 << 10] {
+            let error = save_atomic(&path, |file| {
+                let full = OpenOptions::new().write(true).open("/dev/full").unwrap();
+                file.file = BufWriter::with_capacity(capacity, full);
+                file.write_all(&[b'x'; 64]).map_err(|e| Error::io(&path, &e))
+            })
+            .unwrap_err();
+            let wanted = format!(
+                "the disk is full; free some space or choose another place; the file there is as it was ({})",
+                path.display()
+            );
+            assert_eq!(error.to_string(), wanted);
+            assert_eq!(fs::read_to_string(&path).unwrap(), "old");
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "a temporary file stayed");
+        }
+    }
+
+    #[test]
+    fn why_nothing_can_be_written_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("Head.json");
+        let message = |kind: io::ErrorKind| Error::not_written(&path, &kind.into()).to_string();
+        let all = [
+            (io::ErrorKind::StorageFull, "disk is full"),
+            (io::ErrorKind::QuotaExceeded, "used up"),
+            (io::ErrorKind::ReadOnlyFilesystem, "only be read"),
+            (io::ErrorKind::PermissionDenied, "not permitted"),
+        ];
+        for (kind, part) in all {
+            let text = message(kind);
+            assert!(text.contains(part) && text.ends_with("Head.json)") && !text.contains("as it was"), "{text}");
+        }
+        fs::write(&path, "old").unwrap();
+        assert!(all.iter().all(|(kind, _)| message(*kind).contains("; the file there is as it was")));
     }
 
     #[test]

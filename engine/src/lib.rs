@@ -8,6 +8,7 @@ pub mod gpu;
 pub mod image_out;
 pub mod measure;
 pub mod pass;
+pub mod pick;
 pub mod progress;
 pub mod read;
 pub mod reference;

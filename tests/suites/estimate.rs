@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use fabrica_engine::estimate::{for_budget, for_error};
+use fabrica_engine::estimate::{Estimate, for_budget, for_error, of_quality};
 use fabrica_engine::measure::Converged;
 use fabrica_engine::reference::Reference;
 use fabrica_engine::render::{FloatImage, RenderOptions, sampled_size};
@@ -41,6 +41,41 @@ fn an_error_bound_is_met_and_not_by_far() {
         }
         assert!(steps.is_sorted(), "a looser bound has a longer step: {steps:?}");
     }
+}
+
+#[test]
+fn a_quality_has_the_error_that_a_bound_finds_for_it() {
+    let mut renderer = renderer();
+    let progress = Progress::new();
+    for (nodes, background) in [(OPAQUE, Background::Color([1.0; 3])), (HATCHED, Background::Transparent)] {
+        let scene = scene(nodes, background);
+        let mut of = |quality| of_quality(&mut renderer, &Scene { quality, ..scene.clone() }, SIZE, &progress).unwrap();
+        let [draft, standard, last] = [Quality::DRAFT, Quality::STANDARD, Quality::FINAL].map(&mut of);
+        println!("draft {draft:?}\nstandard {standard:?}\nfinal {last:?}");
+        assert!(draft.codes > 2.0 * standard.codes && standard.codes > last.codes && last.codes >= 0.3);
+        for ours in [draft, last] {
+            // A bound that this setting just keeps, and no coarser one.
+            let bound = ours.codes / 0.75 * (1.0 + 1e-9);
+            let theirs = for_error(&mut renderer, &scene, SIZE, bound, &progress).unwrap();
+            assert!((ours.codes - theirs.codes).abs() < 1e-6, "{ours:?} is not {theirs:?}");
+            let steps = |e: &Estimate| (e.quality.step_voxels, e.against_step, e.num_pixels);
+            assert_eq!(steps(&ours), steps(&theirs));
+        }
+    }
+    // Hatching that is hardly ever looked at is no better for a short step.
+    let [seen, blind] = [0.25, 100.0].map(|style_change| {
+        let quality = Quality { style_change, ..Quality::FINAL };
+        let hatched = Scene { quality, ..scene(HATCHED, Background::Transparent) };
+        of_quality(&mut renderer, &hatched, SIZE, &progress).unwrap()
+    });
+    assert!(blind.against_step == seen.against_step && blind.codes > seen.codes, "{blind:?} {seen:?}");
+    let at = |quality| Scene { quality, ..scene(OPAQUE, Background::Transparent) };
+    let finest = at(Quality::balanced(1.0 / 1024.0));
+    let said = of_quality(&mut renderer, &finest, SIZE, &progress).unwrap_err().to_string();
+    assert!(said.contains("no finer one to be compared with"), "{said}");
+    progress.cancel();
+    let cancelled = of_quality(&mut renderer, &at(Quality::DRAFT), SIZE, &progress);
+    assert!(matches!(cancelled, Err(Error::Cancelled)));
 }
 
 #[test]

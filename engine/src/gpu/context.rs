@@ -1,5 +1,8 @@
 //! Which adapter draws, and what it can do. wgpu is asked, never the files of a driver.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use crate::error::{Error, Result};
 
 /// What the user wants to draw with.
@@ -68,6 +71,7 @@ pub struct GpuContext {
     pub adapter: AdapterDescription,
     /// What it can filter.
     pub formats: VolumeFormats,
+    lost: Arc<AtomicBool>,
 }
 
 /// Format of what passes draw: premultiplied linear, f32.
@@ -198,7 +202,15 @@ impl GpuContext {
                 "update its driver or choose another adapter",
             )
         })?;
-        Ok(Self { device, queue, formats: formats_of(adapter), adapter: description })
+        let lost = Arc::new(AtomicBool::new(false));
+        let flag = lost.clone();
+        device.set_device_lost_callback(move |_, _| flag.store(true, Ordering::Relaxed));
+        Ok(Self { device, queue, formats: formats_of(adapter), adapter: description, lost })
+    }
+
+    /// Whether the device is gone (a driver's reset, a sleeping laptop): nothing works with it any more, a new context may.
+    pub fn is_lost(&self) -> bool {
+        self.lost.load(Ordering::Relaxed)
     }
 
     /// The same context made to believe that the adapter filters less than it does: tests force the slower paths.

@@ -148,7 +148,7 @@ impl ResidentVolume {
             gradient_encoding,
             validity,
             filtered: texel == Texel::Unorm16 || context.formats.r32_filterable,
-            gradient_max: crate::volume::gradient::gradient_max(volume, voxels),
+            gradient_max: volume.gradient_max(),
             num_gaps: filled.num_gaps(),
         })
     }

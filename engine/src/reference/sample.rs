@@ -33,19 +33,25 @@ fn lerp(a: f64, b: f64, w: f64) -> f64 {
     a + (b - a) * w
 }
 
-/// Trilinear value at the index-space position `p`; beyond the outer voxel centers the edge value goes on.
-pub fn sample_volume(lattice: &Lattice, p: DVec3) -> f64 {
+/// Trilinear value, at the index-space position `p`, of a grid of `dims` voxels whose values `at` gives; beyond the outer
+/// voxel centers the edge value goes on.
+pub fn trilinear(dims: [usize; 3], p: DVec3, at: impl Fn(usize, usize, usize) -> f64) -> f64 {
     let axis = |i: usize| {
-        let last = lattice.dims[i] - 1;
+        let last = dims[i] - 1;
         let clamped = p[i].clamp(0.0, last as f64);
         let low = clamped.floor();
         let first = low as usize;
         (first, (first + 1).min(last), clamped - low)
     };
     let ((x0, x1, wx), (y0, y1, wy), (z0, z1, wz)) = (axis(0), axis(1), axis(2));
-    let along_x = |y: usize, z: usize| lerp(lattice.at(x0, y, z), lattice.at(x1, y, z), wx);
+    let along_x = |y: usize, z: usize| lerp(at(x0, y, z), at(x1, y, z), wx);
     let along_y = |z: usize| lerp(along_x(y0, z), along_x(y1, z), wy);
     lerp(along_y(z0), along_y(z1), wz)
+}
+
+/// [`trilinear`] of a lattice.
+pub fn sample_volume(lattice: &Lattice, p: DVec3) -> f64 {
+    trilinear(lattice.dims, p, |x, y, z| lattice.at(x, y, z))
 }
 
 /// F: the data smoothed by a Gaussian of standard deviation `sigma_mm` (0: the data itself), separably along the index
@@ -95,11 +101,17 @@ fn smooth_along(lattice: &Lattice, axis: usize, sigma: f64) -> Lattice {
     Lattice { dims: lattice.dims, values }
 }
 
-/// g at the index-space position `p`, in data units per mm of world space: central differences, one voxel to each side,
-/// of the trilinear gradient volume. `world_gradient_from_index` is M⁻ᵀ.
-pub fn gradient_at(gradient_volume: &Lattice, world_gradient_from_index: DMat3, p: DVec3) -> DVec3 {
-    let difference = |e: DVec3| 0.5 * (sample_volume(gradient_volume, p + e) - sample_volume(gradient_volume, p - e));
+/// The world gradient, in data units per mm, of an index-space field at `p`: central differences, one voxel to each side.
+/// `world_gradient_from_index` is M⁻ᵀ.
+pub fn central_differences(field: impl Fn(DVec3) -> f64, world_gradient_from_index: DMat3, p: DVec3) -> DVec3 {
+    let difference = |e: DVec3| 0.5 * (field(p + e) - field(p - e));
     world_gradient_from_index * DVec3::new(difference(DVec3::X), difference(DVec3::Y), difference(DVec3::Z))
+}
+
+/// g at the index-space position `p`, in data units per mm of world space: [`central_differences`] of the trilinear
+/// gradient volume.
+pub fn gradient_at(gradient_volume: &Lattice, world_gradient_from_index: DMat3, p: DVec3) -> DVec3 {
+    central_differences(|q| sample_volume(gradient_volume, q), world_gradient_from_index, p)
 }
 
 /// G: the 99.9th percentile of ‖g‖, in data units per mm, over the voxels where it is above 0, from the unsmoothed

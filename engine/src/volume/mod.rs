@@ -173,6 +173,7 @@ pub struct Volume {
 struct Derived {
     bricks: OnceLock<MinMaxBricks>,
     statistics: OnceLock<Statistics>,
+    gradient_max: OnceLock<f64>,
 }
 
 impl Volume {
@@ -215,6 +216,11 @@ impl Volume {
         self.derived.bricks.get_or_init(|| MinMaxBricks::compute(&fill_no_data(self).voxels, self.grid.dims()))
     }
 
+    /// G: the ‖g‖, in data units per mm, that counts as 1 ([`gradient::gradient_max`]); computed on the first call.
+    pub fn gradient_max(&self) -> f64 {
+        *self.derived.gradient_max.get_or_init(|| gradient::gradient_max(self, &fill_no_data(self).voxels))
+    }
+
     /// Range, background and percentiles of the data values; computed on the first call.
     ///
     /// # Errors
@@ -225,6 +231,11 @@ impl Volume {
         }
         let computed = Statistics::compute(self, progress)?;
         Ok(self.derived.statistics.get_or_init(|| computed))
+    }
+
+    /// What [`Volume::statistics`] has found, if it has been asked.
+    pub fn known_statistics(&self) -> Option<&Statistics> {
+        self.derived.statistics.get()
     }
 
     /// Decoded size in bytes, in the stored type.

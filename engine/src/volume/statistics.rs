@@ -98,6 +98,33 @@ impl Statistics {
         self.value_of_share(p, self.num_background)
     }
 
+    /// The percentile, 0 to 100, of `value` among the voxels above the background: how many of them, in percent, do not
+    /// exceed it. The inverse of [`Statistics::percentile_above_background`] as far as there is one: a value that many
+    /// voxels share has the percentile of the last of them, one that no voxel has that of the next smaller, and within the
+    /// bins of wide types it is interpolated as there.
+    ///
+    /// Ascends with `value`; 0 at and below the background, for NaN and for a volume without a finite voxel, 100 from the
+    /// maximum on.
+    pub fn percentile_of(&self, value: f64) -> f64 {
+        let count = self.num_above_background();
+        if count == 0 || value.is_nan() {
+            return 0.0;
+        }
+        let i = self.bins.partition_point(|bin| bin.high < value);
+        let Some(bin) = self.bins.get(i) else { return 100.0 };
+        let before = if i == 0 { 0 } else { self.bins[i - 1].cumulative };
+        let rank = if value < bin.low {
+            before as f64
+        } else if value >= bin.high {
+            bin.cumulative as f64
+        } else {
+            // Rank k of the bin's n lies at (k − ½)/n, and its percentiles end at k/n: those half a rank below are its own.
+            let num_voxels = (bin.cumulative - before) as f64;
+            before as f64 + (unit_position(bin.low, bin.high)(value) * num_voxels).max(0.5)
+        };
+        100.0 * (rank - self.num_background as f64).max(0.0) / count as f64
+    }
+
     /// Finite voxels above the background (all of a constant volume).
     pub fn num_above_background(&self) -> u64 {
         self.num_finite - self.num_background
@@ -689,6 +716,70 @@ mod tests {
         for p in PERCENTS {
             assert_eq!(s.percentile(p), percentile_of(&values, p));
         }
+    }
+
+    #[test]
+    fn percentile_of_inverts_the_percentiles() {
+        let integers = || uniform(5000).map(|u| (u * u * 120.0).floor() + 1.0);
+        let down = Rescale { slope: -2.5, intercept: 100.0 };
+        let humps = |n: usize| uniform(n).map(|u| if u < 0.5 { u } else { 900.0 + 200.0 * u });
+        let all = [
+            (Voxels::U8(integers().map(|v| v as u8).collect()), Rescale::IDENTITY),
+            (Voxels::U16(integers().map(|v| 400 * v as u16).collect()), down),
+            // Sorted, and binned; with values far from all others.
+            (Voxels::F32(humps(5000).map(|v| v as f32).collect()), down),
+            (Voxels::F32(humps(300_000).chain([1e30, -1e30, f64::NAN]).map(|v| v as f32).collect()), Rescale::IDENTITY),
+            (Voxels::F64(humps(300_000).collect()), down),
+            (Voxels::I64(uniform(300_000).map(|u| (1 << 40) + (u * 1e7) as i64).collect()), Rescale::IDENTITY),
+        ];
+        for (voxels, rescale) in all {
+            let name = voxels.type_name();
+            let all = volume(voxels, rescale);
+            let s = Statistics::compute(&all, &Progress::new()).unwrap();
+            let values = sorted((0..all.grid.num_voxels()).map(|i| all.value(i, 0, 0)));
+            let above: Vec<f64> = values.iter().copied().filter(|&v| v > s.background).collect();
+            let bin_of = |value: f64| s.bins.partition_point(|bin| bin.high < value);
+            for i in (0..above.len()).step_by(97).chain([above.len() - 1]) {
+                // The voxels that do not exceed it, counted; right to 0.01 % where they are binned.
+                let value = above[i];
+                let p = s.percentile_of(value);
+                let counted = 100.0 * above.partition_point(|&v| v <= value) as f64 / above.len() as f64;
+                assert!((p - counted).abs() <= 0.01, "{name}: {value} is at {p} % and not {counted} %");
+                assert_eq!(bin_of(s.percentile_above_background(p)), bin_of(value), "{name}: {value}");
+            }
+            for i in 0..=1000 {
+                // Back to the percentile, but for the voxels that share the value or the bin.
+                let p = 0.1 * f64::from(i);
+                let value = s.percentile_above_background(p);
+                let back = s.percentile_of(value);
+                let bin = bin_of(value);
+                let share = s.bins[bin].cumulative - if bin == 0 { 0 } else { s.bins[bin - 1].cumulative };
+                let tie = s.bins[bin].low == s.bins[bin].high;
+                let off = 100.0 * if tie { share as f64 } else { 1.0 } / above.len() as f64 + 1e-9;
+                assert!((p - off..=p + off).contains(&back), "{name}: {p} % became {back} %");
+            }
+            let (low, high) = (s.percentile(1.0), s.percentile(99.0));
+            let line = (-100..=1100).map(|i| s.percentile_of(low + 1e-3 * f64::from(i) * (high - low)));
+            assert!(line.is_sorted(), "{name}: not monotone");
+            assert_eq!((s.percentile_of(s.background), s.percentile_of(s.max)), (0.0, 100.0));
+            assert_eq!((s.percentile_of(f64::NEG_INFINITY), s.percentile_of(f64::INFINITY)), (0.0, 100.0));
+            assert_eq!(s.percentile_of(f64::NAN), 0.0);
+        }
+    }
+
+    #[test]
+    fn percentile_of_where_there_is_little_to_rank() {
+        for voxels in [Voxels::I16(vec![-7; 99]), Voxels::F64(vec![-7.0; 99]), Voxels::F32(vec![-7.0; 200_000])] {
+            let s = compute(voxels, Rescale::IDENTITY);
+            assert_eq!([-8.0, -7.0, -6.0, f64::NAN].map(|v| s.percentile_of(v)), [0.0, 100.0, 100.0, 0.0]);
+        }
+        let none = compute(Voxels::F32(vec![f32::NAN, f32::INFINITY]), Rescale::IDENTITY);
+        assert_eq!([-1.0, 0.0, 1.0, f64::NAN].map(|v| none.percentile_of(v)), [0.0; 4]);
+        // Background 0; of the four above it, one each at 110 and 120 and two at 130. Between two values: the smaller one's.
+        let s = compute(Voxels::U8([vec![0; 100], vec![130, 110, 130, 120]].concat()), Rescale::IDENTITY);
+        assert_eq!(s.background, 0.0);
+        let values = [0.0, 109.9, 110.0, 115.0, 120.0, 129.0, 130.0, 131.0];
+        assert_eq!(values.map(|v| s.percentile_of(v)), [0.0, 0.0, 25.0, 25.0, 50.0, 50.0, 100.0, 100.0]);
     }
 
     #[test]

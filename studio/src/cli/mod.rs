@@ -25,7 +25,6 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
-use fabrica_engine::gpu::AdapterChoice;
 
 /// Illustrative volume rendering: figures from CT, MRI and micro-CT volumes.
 #[derive(Parser, Debug)]
@@ -81,7 +80,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         let matches = matches.subcommand().map_or(&matches, |(_, m)| m);
         match cli.command {
             Some(command) => run(command, matches),
-            None => crate::editor::open_window(None, AdapterChoice::Auto),
+            None => open::run(open::Arguments::default()),
         }
     });
     match outcome {

@@ -1,20 +1,38 @@
 //! `fabrica open`, and `fabrica` alone: the window.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
 use anyhow::Result;
 use fabrica_engine::gpu::AdapterChoice;
 
-#[derive(clap::Args, Debug)]
+use crate::editor::session::Session;
+use crate::editor::{Options, open_window};
+
+#[derive(clap::Args, Debug, Default)]
 pub struct Arguments {
-    /// A volume, a folder of one, a figure (JSON), or specimen:head.
-    file: Option<PathBuf>,
+    /// A figure (JSON), a volume, a folder of one, specimen:head, or a figure and the volume that it shall show.
+    files: Vec<PathBuf>,
     /// software, hardware, or a part of an adapter's name (see `fabrica adapters`): what draws the figure.
     #[arg(long, value_name = "NAME", default_value = "auto")]
     adapter: AdapterChoice,
+    /// A folder of lit-sphere pictures (square PNGs), used beside the built-in styles.
+    #[arg(long, value_name = "DIR")]
+    styles: Option<PathBuf>,
+    /// At the end, write how fast the window was (JSON).
+    #[arg(long, value_name = "FILE")]
+    timings: Option<PathBuf>,
 }
 
 /// Opens the window.
 pub fn run(arguments: Arguments) -> Result<()> {
-    crate::editor::open_window(arguments.file, arguments.adapter)
+    let begun = Instant::now();
+    open_window(Options {
+        adapter: arguments.adapter,
+        files: arguments.files,
+        styles: super::styles::library(arguments.styles.as_ref())?,
+        session: Session::open(Session::default_folder()),
+        system_dialogs: true,
+        timings: arguments.timings.map(|path| (path, begun)),
+    })
 }

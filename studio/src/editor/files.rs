@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use fabrica_engine::image_out::save_atomic;
 use fabrica_engine::read::ReadOptions;
 use fabrica_engine::volume::Volume;
@@ -12,45 +12,57 @@ use fabrica_engine::{Error, Progress};
 
 use crate::figure::first_look::first_look;
 use crate::figure::source::VolumeSource;
+use crate::figure::template::VolumeSlot;
 use crate::figure::{Template, bridge};
 
-/// Volumes that are being read, on a thread of their own.
-pub struct Loading {
-    /// What is read.
-    pub path: PathBuf,
+/// Work on a thread of its own.
+pub struct Job<T> {
+    /// What it is about, for whoever waits.
+    pub title: String,
     /// To be polled and cancelled.
     pub progress: Progress,
-    result: Receiver<Result<Loaded>>,
+    result: Receiver<Result<T>>,
+}
+
+impl<T: Send + 'static> Job<T> {
+    /// Begins; `wake` is called at the end, on the thread.
+    pub fn start(
+        title: String,
+        wake: impl Fn() + Send + 'static,
+        work: impl FnOnce(&Progress) -> Result<T> + Send + 'static,
+    ) -> Self {
+        let progress = Progress::new();
+        let (sender, result) = channel();
+        let theirs = progress.clone();
+        std::thread::spawn(move || {
+            // Nobody listens any more when something else was asked for.
+            let _ = sender.send(work(&theirs));
+            wake();
+        });
+        Self { title, progress, result }
+    }
+
+    /// The outcome, once.
+    pub fn finished(&self) -> Option<Result<T>> {
+        self.result.try_recv().ok()
+    }
+}
+
+/// Whether an error is the user's own wish.
+pub fn is_cancelled(error: &anyhow::Error) -> bool {
+    error.downcast_ref::<Error>().is_some_and(|e| matches!(e, Error::Cancelled))
 }
 
 /// A figure with its volumes.
 pub struct Loaded {
     /// The figure.
     pub figure: Template,
+    /// Where it is saved; none for a new one.
+    pub path: Option<PathBuf>,
     /// One a slot; empty if they could not be read.
     pub volumes: Vec<Arc<Volume>>,
     /// What the user shall know, a sentence each.
     pub notes: Vec<String>,
-}
-
-impl Loading {
-    /// Begins to [`load`] a file; `wake` is called at the end, on the thread.
-    pub fn start(path: PathBuf, wake: impl Fn() + Send + 'static) -> Self {
-        let progress = Progress::new();
-        let (sender, result) = channel();
-        let (file, theirs) = (path.clone(), progress.clone());
-        std::thread::spawn(move || {
-            // Nobody listens any more when another file was asked for.
-            let _ = sender.send(load(&file, &theirs));
-            wake();
-        });
-        Self { path, progress, result }
-    }
-
-    /// The outcome, once.
-    pub fn finished(&self) -> Option<Result<Loaded>> {
-        self.result.try_recv().ok()
-    }
 }
 
 /// Whether a file is a figure rather than a volume.
@@ -58,58 +70,141 @@ pub fn is_template(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"))
 }
 
-/// Reads a figure with its volumes, or a volume, which gets a first look.
+/// Reads what was given: a figure with its volumes; a volume, which gets a first look; or a figure with other volumes, which
+/// take the places of its own in a new figure.
 ///
 /// # Errors
 /// One sentence; a figure whose volumes cannot be read opens without them, and a note says why.
-pub fn load(path: &Path, progress: &Progress) -> Result<Loaded> {
-    if is_template(path) {
-        let figure = Template::read(path)?;
-        let folder = path.parent().unwrap_or(Path::new(""));
-        return Ok(match bridge::load_volumes(&figure, folder, &[], progress) {
-            Ok(volumes) => {
-                let notes = volumes.iter().flat_map(|v| v.warnings.clone()).collect();
-                Loaded { figure, volumes, notes }
-            }
-            Err(error) if error.downcast_ref::<Error>().is_some_and(|e| matches!(e, Error::Cancelled)) => {
-                return Err(error);
-            }
-            // The figure opens without them: nothing of it is lost.
-            Err(error) => Loaded { figure, volumes: Vec::new(), notes: vec![format!("{error:#}")] },
-        });
+pub fn load(paths: &[PathBuf], progress: &Progress) -> Result<Loaded> {
+    let (figures, volumes): (Vec<&PathBuf>, Vec<&PathBuf>) = paths.iter().partition(|p| is_template(p));
+    match (&figures[..], &volumes[..]) {
+        ([figure], []) => load_figure(Template::read(figure)?, Some(figure), progress),
+        ([figure], others) => dress(Template::read(figure)?, figure, others, progress),
+        ([], [volume]) => undressed(volume, progress),
+        ([], []) => bail!("nothing is given to open"),
+        ([], many) => bail!("{} volumes are given and this version draws one; open one of them", many.len()),
+        (many, _) => bail!("{} figures are given; open one at a time", many.len()),
     }
-    let name = path.to_str().context("the path is not UTF-8, and templates are; rename the file")?;
-    let source = VolumeSource::parse(name, Path::new(""))?;
-    let volume = source.load(&ReadOptions::default(), progress)?;
-    let file = match &source {
-        VolumeSource::Path(path) => std::path::absolute(path)?.display().to_string(),
-        VolumeSource::Specimen { .. } => name.to_owned(),
-    };
-    let figure = first_look(&volume, &file, progress)?;
-    Ok(Loaded { figure, notes: volume.warnings.clone(), volumes: vec![volume] })
 }
 
-/// Writes a figure as a template and gives back what was written: files that were named relative to the place of before are
-/// named so that they are found from the new one.
+/// Reads the volumes of a figure that is saved at `path` (none: it came with the program).
+///
+/// # Errors
+/// [`Error::Cancelled`]; volumes that cannot be read are a note.
+pub fn load_figure(figure: Template, path: Option<&Path>, progress: &Progress) -> Result<Loaded> {
+    let folder = path.and_then(Path::parent).unwrap_or(Path::new(""));
+    let path = path.map(Path::to_owned);
+    match bridge::load_volumes(&figure, folder, &[], progress).and_then(|volumes| counted(volumes, progress)) {
+        Ok(volumes) => {
+            let notes = volumes.iter().flat_map(|v| v.warnings.clone()).collect();
+            Ok(Loaded { figure, path, volumes, notes })
+        }
+        Err(error) if is_cancelled(&error) => Err(error),
+        // The figure opens without them: nothing of it is lost.
+        Err(error) => Ok(Loaded { figure, path, volumes: Vec::new(), notes: vec![format!("{error:#}")] }),
+    }
+}
+
+/// The look of a figure on other volumes.
+fn dress(mut figure: Template, from: &Path, others: &[&PathBuf], progress: &Progress) -> Result<Loaded> {
+    if others.len() > figure.volumes.len() {
+        bail!(
+            "{} volumes are given and the figure {} has {} of them; leave out the last ones",
+            others.len(),
+            from.display(),
+            figure.volumes.len()
+        );
+    }
+    rename_files(&mut figure, from.parent(), None)?;
+    for (slot, path) in figure.volumes.iter_mut().zip(others) {
+        *slot = slot_for(slot, path)?;
+    }
+    load_figure(figure, None, progress)
+}
+
+/// A slot with another file in it.
+///
+/// # Errors
+/// One sentence if the path is not UTF-8.
+pub fn slot_for(slot: &VolumeSlot, path: &Path) -> Result<VolumeSlot> {
+    Ok(VolumeSlot { file: file_name(path)?, frame: 0, raw: None, ..slot.clone() })
+}
+
+/// Reads the volume of a slot.
+///
+/// # Errors
+/// One sentence from the reader.
+pub fn load_slot(slot: &VolumeSlot, folder: &Path, progress: &Progress) -> Result<Arc<Volume>> {
+    let raw = slot.raw.as_deref().map(str::parse).transpose();
+    let raw = raw.map_err(|e| anyhow::anyhow!("the raw layout of the volume \"{}\": {e}", slot.name))?;
+    let volume = VolumeSource::parse(&slot.file, folder)?.load(&ReadOptions { frame: slot.frame, raw }, progress)?;
+    Ok(counted(vec![volume], progress)?.remove(0))
+}
+
+fn undressed(path: &Path, progress: &Progress) -> Result<Loaded> {
+    let file = file_name(path)?;
+    let volume = VolumeSource::parse(&file, Path::new(""))?.load(&ReadOptions::default(), progress)?;
+    let figure = first_look(&volume, &file, progress)?;
+    let notes = volume.warnings.clone();
+    Ok(Loaded { figure, path: None, volumes: counted(vec![volume], progress)?, notes })
+}
+
+/// As templates name a file: absolute; specimens by their own name.
+fn file_name(path: &Path) -> Result<String> {
+    let name = path.to_str().context("the path is not UTF-8, and templates are; rename the file")?;
+    match VolumeSource::parse(name, Path::new(""))? {
+        VolumeSource::Path(path) => Ok(std::path::absolute(path)?.display().to_string()),
+        VolumeSource::Specimen { .. } => Ok(name.to_owned()),
+    }
+}
+
+/// Counts the volumes' values and gradients, as panels and picking want them known, here on the thread.
+fn counted(volumes: Vec<Arc<Volume>>, progress: &Progress) -> Result<Vec<Arc<Volume>>> {
+    progress.begin("counting values", 0);
+    for volume in &volumes {
+        volume.statistics(progress)?;
+        volume.bricks();
+        volume.gradient_max();
+    }
+    Ok(volumes)
+}
+
+fn folder_of(path: &Path) -> Option<PathBuf> {
+    std::path::absolute(path).ok().and_then(|p| p.parent().map(Path::to_owned))
+}
+
+/// A slot's file as it is called from another folder: one that is named relative to `old` gets its whole path.
+///
+/// # Errors
+/// One sentence for a specimen without a size.
+pub fn rename_file(slot: &mut VolumeSlot, old: Option<&Path>, new: Option<&Path>) -> Result<()> {
+    let old = old.map(|o| std::path::absolute(o).unwrap_or_else(|_| o.to_owned()));
+    if let Some(old) = old.filter(|old| new != Some(old))
+        && let VolumeSource::Path(file) = VolumeSource::parse(&slot.file, &old)?
+    {
+        slot.file = file.display().to_string();
+    }
+    Ok(())
+}
+
+fn rename_files(figure: &mut Template, old: Option<&Path>, new: Option<&Path>) -> Result<()> {
+    figure.volumes.iter_mut().try_for_each(|slot| rename_file(slot, old, new))
+}
+
+/// The folders that the files of a figure count from, before and after it is saved at `path`.
+pub fn folders(before: Option<&Path>, path: &Path) -> (Option<PathBuf>, Option<PathBuf>) {
+    (before.and_then(folder_of), folder_of(path))
+}
+
+/// Writes a figure as a template. Its files are named as they are called from `path`'s folder already.
 ///
 /// # Errors
 /// One sentence; the file is then what it was.
-pub fn save(figure: &Template, before: Option<&Path>, path: &Path) -> Result<Template> {
-    let mut written = figure.clone();
-    let folder = |p: &Path| std::path::absolute(p).ok().and_then(|p| p.parent().map(Path::to_owned));
-    let (old, new) = (before.and_then(folder), folder(path));
-    if let Some(old) = old.filter(|old| new.as_ref() != Some(old)) {
-        for slot in &mut written.volumes {
-            if let VolumeSource::Path(file) = VolumeSource::parse(&slot.file, &old)? {
-                slot.file = file.display().to_string();
-            }
-        }
-    }
-    let text = written.to_json()?;
+pub fn save(figure: &Template, path: &Path) -> Result<()> {
+    let text = figure.to_json()?;
     save_atomic(path, |file| {
         use std::io::Write as _;
         file.write_all(text.as_bytes()).map_err(|e| Error::io(path, &e))
     })
-    .context("the figure was not saved")?;
-    Ok(written)
+    .context("the figure was not saved")
 }

@@ -16,7 +16,7 @@ use fabrica_engine::render::{RenderOptions, Renderer};
 use fabrica_engine::scene::{Background, Quality, Scene};
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
-use fabrica_engine::{Error, color};
+use fabrica_engine::{Error, color, estimate};
 
 use crate::figure::{Template, bridge};
 
@@ -45,6 +45,8 @@ pub enum Stage {
         /// From the request on.
         seconds: f32,
     },
+    /// It cannot be drawn; what is shown is older.
+    Failed,
 }
 
 /// What the painter has to say.
@@ -67,6 +69,15 @@ pub enum Update {
         /// How far it is.
         stage: Stage,
     },
+    /// The estimated error of a picture that is finished (99.9 % of its pixels), in 8-bit codes.
+    Estimated {
+        /// Of the request that it belongs to.
+        number: u64,
+        /// The estimate.
+        codes: f64,
+    },
+    /// The device was lost, and another one has taken its place.
+    Restarted,
     /// The figure cannot be drawn: one sentence.
     Failed {
         /// Of the request that it belongs to.
@@ -85,6 +96,8 @@ struct Desk {
     /// The number of the last request.
     number: u64,
     closed: bool,
+    /// The device is to be lost before the next picture: a test of what follows.
+    lose_device: bool,
 }
 
 /// The thread's handle. Dropping it ends the thread.
@@ -96,12 +109,40 @@ pub struct Painter {
 
 /// The time that a coarse picture may take.
 const COARSE: Duration = Duration::from_millis(70);
-/// Rows of tiles, and with them what is cancelled and shown at once.
-const TILE: u32 = 128;
+/// The time that one submission to the adapter is to take: what else it does, the window's own frames too, waits as long.
+const SUBMISSION: Duration = Duration::from_millis(8);
+/// Edges of tiles, which are what is submitted, cancelled and shown at once.
+const TILES: (u32, u32) = (32, 256);
+
+/// How the work is cut, as it follows from how long it took so far.
+struct Pace {
+    /// Of this many pixels, across and down, a coarse picture draws one.
+    stride: u32,
+    /// Edge of a tile of a whole picture.
+    tile: u32,
+}
+
+impl Pace {
+    fn coarse_took(&mut self, time: Duration) {
+        let ratio = time.as_secs_f64() / COARSE.as_secs_f64();
+        self.stride = ((f64::from(self.stride) * ratio.sqrt()).ceil() as u32).clamp(2, 16);
+    }
+
+    /// `num_tiles` tiles took `time`.
+    fn tiles_took(&mut self, num_tiles: u32, time: Duration) {
+        let ratio = SUBMISSION.as_secs_f64() * f64::from(num_tiles) / time.as_secs_f64().max(1e-6);
+        let edge = f64::from(self.tile) * ratio.sqrt();
+        self.tile = ((edge / 32.0).round() as u32 * 32).clamp(TILES.0, TILES.1);
+    }
+
+    fn num_tiles(&self, size: [u32; 2]) -> u32 {
+        size[0].div_ceil(self.tile) * size[1].div_ceil(self.tile)
+    }
+}
 
 impl Painter {
     /// Starts the thread; `wake` is called, there, whenever there is an update.
-    pub fn start(choice: AdapterChoice, styles: StyleLibrary, wake: impl Fn() + Send + 'static) -> Self {
+    pub fn start(choice: AdapterChoice, styles: Arc<StyleLibrary>, wake: impl Fn() + Send + 'static) -> Self {
         let desk = Arc::new((Mutex::new(Desk::default()), Condvar::new()));
         let (sender, updates) = channel();
         let theirs = desk.clone();
@@ -130,6 +171,11 @@ impl Painter {
         number
     }
 
+    /// Loses the device before the next picture, as a driver's reset would: for tests of what follows.
+    pub fn lose_device(&self) {
+        self.desk.0.lock().unwrap_or_else(PoisonError::into_inner).lose_device = true;
+    }
+
     /// What has come since the last time.
     pub fn updates(&self) -> impl Iterator<Item = Update> + '_ {
         self.updates.try_iter()
@@ -155,7 +201,7 @@ impl Drop for Painter {
 
 fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, styles: &StyleLibrary, tell: &dyn Fn(Update)) {
     let mut renderer: Option<Renderer> = None;
-    let mut stride = 4;
+    let mut pace = Pace { stride: 4, tile: 128 };
     loop {
         let (number, request, progress) = {
             let (lock, bell) = desk;
@@ -167,21 +213,33 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, styles: &StyleLi
                 if let Some((number, request)) = desk.request.take() {
                     let progress = Progress::new();
                     desk.current = Some(progress.clone());
+                    if std::mem::take(&mut desk.lose_device)
+                        && let Some(renderer) = &renderer
+                    {
+                        renderer.context().device.destroy();
+                    }
                     break (number, request, progress);
                 }
                 desk.current = None;
                 desk = bell.wait(desk).unwrap_or_else(PoisonError::into_inner);
             }
         };
-        let outcome = open(&mut renderer, choice, tell)
-            .and_then(|renderer| draw(renderer, number, &request, styles, &mut stride, &progress, tell));
-        if let Err(error) = outcome {
-            match error.downcast_ref::<Error>() {
-                Some(Error::Cancelled) => continue,
-                // A lost device is opened anew with the next request.
-                Some(Error::Gpu { .. }) => renderer = None,
-                _ => {}
+        let mut once = |renderer: &mut Option<Renderer>| {
+            open(renderer, choice, tell)
+                .and_then(|renderer| draw(renderer, number, &request, styles, &mut pace, &progress, tell))
+        };
+        let mut outcome = once(&mut renderer);
+        if outcome.is_err() && renderer.as_ref().is_some_and(|r| r.context().is_lost()) {
+            // The volume goes to a new device, and the picture is begun again.
+            renderer = None;
+            outcome = once(&mut renderer);
+            if outcome.is_ok() {
+                tell(Update::Restarted);
             }
+        }
+        if let Err(error) = outcome
+            && !error.downcast_ref::<Error>().is_some_and(|e| matches!(e, Error::Cancelled))
+        {
             tell(Update::Failed { number, message: format!("{error:#}") });
         }
     }
@@ -207,7 +265,7 @@ fn draw(
     number: u64,
     request: &Request,
     styles: &StyleLibrary,
-    stride: &mut u32,
+    pace: &mut Pace,
     progress: &Progress,
     tell: &dyn Fn(Update),
 ) -> Result<()> {
@@ -221,18 +279,19 @@ fn draw(
         tell(Update::Rows { number, size, y, num_rows, pixels, stage });
     };
     // Coarse: of every `stride`² pixels one. The stride follows the time that the last one took.
-    let options = RenderOptions { stride: *stride, tile: 4096, ..RenderOptions::default() };
+    let options = RenderOptions { stride: pace.stride, tile: 4096, ..RenderOptions::default() };
     let coarse = Instant::now();
     let image = renderer.render(&draft, request.size, &options, progress)?;
-    let ratio = coarse.elapsed().as_secs_f64() / COARSE.as_secs_f64();
-    *stride = ((f64::from(*stride) * ratio.sqrt()).ceil() as u32).clamp(2, 16);
+    pace.coarse_took(coarse.elapsed());
     rows([image.width, image.height], 0, &image.pixels, Stage::Coarse);
     if request.coarse_only {
         return Ok(());
     }
     // All pixels at draft quality, then again at the figure's, row of tiles by row of tiles.
-    let options = RenderOptions { tile: TILE, ..RenderOptions::default() };
+    let options = RenderOptions { tile: pace.tile, ..RenderOptions::default() };
+    let begun = Instant::now();
     let whole = renderer.render(&draft, request.size, &options, progress)?;
+    pace.tiles_took(pace.num_tiles(request.size), begun.elapsed());
     let done = |num_rows: u32| {
         if num_rows < request.size[1] {
             Stage::Refining(num_rows as f32 / request.size[1] as f32)
@@ -242,16 +301,22 @@ fn draw(
     };
     if scene.quality == draft.quality {
         rows(request.size, 0, &whole.pixels, done(request.size[1]));
-        return Ok(());
+    } else {
+        rows(request.size, 0, &whole.pixels, done(0));
+        let options = RenderOptions { tile: pace.tile, ..RenderOptions::default() };
+        let begun = Instant::now();
+        let mut y = 0;
+        renderer.render_bands(&scene, request.size, &options, progress, |band| {
+            let num_rows = band.len() as u32 / request.size[0];
+            rows(request.size, y, band, done(y + num_rows));
+            y += num_rows;
+            Ok(())
+        })?;
+        pace.tiles_took(pace.num_tiles(request.size), begun.elapsed());
     }
-    rows(request.size, 0, &whole.pixels, done(0));
-    let mut y = 0;
-    renderer.render_bands(&scene, request.size, &options, progress, |band| {
-        let num_rows = band.len() as u32 / request.size[0];
-        rows(request.size, y, band, done(y + num_rows));
-        y += num_rows;
-        Ok(())
-    })?;
+    // What is finished is judged, while nothing else is wanted.
+    let estimate = estimate::of_quality(renderer, &scene, request.size, progress)?;
+    tell(Update::Estimated { number, codes: estimate.codes });
     Ok(())
 }
 

@@ -7,13 +7,21 @@ use eframe::egui::{Key, KeyboardShortcut, Modifiers};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[expect(missing_docs, reason = "`text` and `tooltip` say what each is")]
 pub enum UiCommand {
+    New,
     Open,
+    OpenFolder,
     Save,
     SaveAs,
+    ReplaceVolume,
     Quit,
     Undo,
     Redo,
+    History,
     Palette,
+    Rename,
+    ShowHide,
+    InsertNode,
+    RemoveNode,
     Fit,
     FromFront,
     FromBack,
@@ -28,6 +36,8 @@ pub enum UiCommand {
     QualityStandard,
     QualityFinal,
     Theme,
+    Panels,
+    HistogramScale,
     LargerText,
     SmallerText,
 }
@@ -37,13 +47,21 @@ use UiCommand as C;
 impl UiCommand {
     /// Every one, in the order of the menus, each menu in one run.
     pub const ALL: &[Self] = &[
+        C::New,
         C::Open,
+        C::OpenFolder,
         C::Save,
         C::SaveAs,
+        C::ReplaceVolume,
         C::Quit,
         C::Undo,
         C::Redo,
+        C::History,
         C::Palette,
+        C::Rename,
+        C::ShowHide,
+        C::InsertNode,
+        C::RemoveNode,
         C::Fit,
         C::FromFront,
         C::FromBack,
@@ -58,6 +76,8 @@ impl UiCommand {
         C::QualityStandard,
         C::QualityFinal,
         C::Theme,
+        C::Panels,
+        C::HistogramScale,
         C::LargerText,
         C::SmallerText,
     ];
@@ -65,10 +85,11 @@ impl UiCommand {
     /// The menu that it is in.
     pub fn menu(self) -> &'static str {
         match self {
-            C::Open | C::Save | C::SaveAs | C::Quit => "File",
-            C::Undo | C::Redo | C::Palette => "Edit",
+            C::New | C::Open | C::OpenFolder | C::Save | C::SaveAs | C::ReplaceVolume | C::Quit => "File",
+            C::Undo | C::Redo | C::History | C::Palette => "Edit",
+            C::Rename | C::ShowHide | C::InsertNode | C::RemoveNode => "Object",
             C::QualityDraft | C::QualityStandard | C::QualityFinal => "Render",
-            C::Theme | C::LargerText | C::SmallerText => "Window",
+            C::Theme | C::Panels | C::HistogramScale | C::LargerText | C::SmallerText => "Window",
             _ => "View",
         }
     }
@@ -76,7 +97,17 @@ impl UiCommand {
     /// What it is called.
     pub fn text(self) -> &'static str {
         match self {
+            C::New => "New figure",
             C::Open => "Open…",
+            C::OpenFolder => "Open folder…",
+            C::ReplaceVolume => "Replace volume…",
+            C::History => "History",
+            C::Rename => "Rename object",
+            C::ShowHide => "Show or hide object",
+            C::InsertNode => "Insert node",
+            C::RemoveNode => "Remove node",
+            C::Panels => "Show or hide panels",
+            C::HistogramScale => "Logarithmic or linear histogram",
             C::Save => "Save",
             C::SaveAs => "Save as…",
             C::Quit => "Quit",
@@ -105,7 +136,17 @@ impl UiCommand {
     /// What it does, in a line.
     pub fn tooltip(self) -> &'static str {
         match self {
-            C::Open => "A volume, a folder of one, or a figure",
+            C::New => "Closes the figure; the start page has specimens, templates and recent figures",
+            C::Open => "A volume or a figure",
+            C::OpenFolder => "A folder that holds one volume",
+            C::ReplaceVolume => "Dresses another volume in this figure's look, or finds one that is missing",
+            C::History => "The steps so far, to go back to any of them",
+            C::Rename => "Another name for the chosen object",
+            C::ShowHide => "The chosen object is drawn, or is not",
+            C::InsertNode => "After the chosen node, half way to the next one; the picture stays as it is",
+            C::RemoveNode => "Takes the chosen node out of the transfer function",
+            C::Panels => "The figure alone, or with everything around it",
+            C::HistogramScale => "Logarithms show what few voxels have",
             C::Save => "Writes the figure as a template (JSON), whole or not at all",
             C::SaveAs => "Writes the figure into another file",
             C::Quit => "Asks first if there is something to save",
@@ -135,7 +176,15 @@ impl UiCommand {
     pub fn shortcut(self) -> Option<KeyboardShortcut> {
         let command = Modifiers::COMMAND;
         let (modifiers, key) = match self {
+            C::New => (command, Key::N),
             C::Open => (command, Key::O),
+            C::OpenFolder => (command | Modifiers::SHIFT, Key::O),
+            C::History => (command, Key::H),
+            C::Rename => (Modifiers::NONE, Key::F2),
+            C::ShowHide => (Modifiers::NONE, Key::H),
+            C::InsertNode => (Modifiers::NONE, Key::Insert),
+            C::RemoveNode => (Modifiers::NONE, Key::Delete),
+            C::Panels => (command, Key::Backslash),
             C::Save => (command, Key::S),
             C::SaveAs => (command | Modifiers::SHIFT, Key::S),
             C::Quit => (command, Key::Q),
@@ -157,9 +206,26 @@ impl UiCommand {
         Some(KeyboardShortcut::new(modifiers, key))
     }
 
+    /// Whether its key is a letter or an editing key, which a text field that has the focus takes for itself.
+    pub fn yields_to_text(self) -> bool {
+        self.shortcut().is_some_and(|s| s.modifiers.is_none())
+    }
+
     /// Whether it makes sense without an open figure.
     pub fn needs_figure(self) -> bool {
-        !matches!(self, C::Open | C::Quit | C::Palette | C::Theme | C::LargerText | C::SmallerText)
+        !matches!(
+            self,
+            C::New
+                | C::Open
+                | C::OpenFolder
+                | C::Quit
+                | C::Palette
+                | C::Theme
+                | C::Panels
+                | C::HistogramScale
+                | C::LargerText
+                | C::SmallerText
+        )
     }
 }
 

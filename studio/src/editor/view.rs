@@ -80,6 +80,28 @@ pub fn other(projection: ProjectionName) -> ProjectionName {
     }
 }
 
+/// From where the object is seen, in words: "seen from the front left and above".
+pub fn side(camera: &CameraTemplate) -> String {
+    let (from, ..) = axes(camera);
+    let clear = |x: f64, words: [&'static str; 2]| {
+        if x > 0.38 {
+            Some(words[0])
+        } else if x < -0.38 {
+            Some(words[1])
+        } else {
+            None
+        }
+    };
+    let around = [clear(from.y, ["front", "back"]), clear(from.x, ["right", "left"])];
+    let around: Vec<&str> = around.into_iter().flatten().collect();
+    let height = clear(from.z, ["above", "below"]);
+    match (around.is_empty(), height) {
+        (true, Some(height)) => format!("seen from {height}"),
+        (_, Some(height)) => format!("seen from the {} and {height}", around.join(" ")),
+        (_, None) => format!("seen from the {}", around.join(" ")),
+    }
+}
+
 /// The letters at the left, right, top and bottom of the picture: towards which side of the body each lies.
 pub fn letters(camera: &CameraTemplate) -> [char; 4] {
     let (_, right, up) = axes(camera);
@@ -118,6 +140,18 @@ mod tests {
         let left = from_side(&above, DVec3::NEG_X);
         assert_eq!(letters(&left), ['A', 'P', 'S', 'I']);
         assert_eq!(letters(&roll(&camera(), std::f64::consts::FRAC_PI_2)), ['S', 'I', 'L', 'R']);
+    }
+
+    #[test]
+    fn sides_are_said_in_words() {
+        for (from, words) in [
+            ([0.0, 1.0, 0.0], "seen from the front"),
+            ([-0.6, 0.75, 0.35], "seen from the front left"),
+            ([0.6, -0.75, -0.7], "seen from the back right and below"),
+            ([0.1, 0.0, 1.0], "seen from above"),
+        ] {
+            assert_eq!(side(&CameraTemplate { from, ..camera() }), words);
+        }
     }
 
     #[test]

@@ -83,8 +83,11 @@ pub fn scene(
         let volume = slot.and_then(|i| volumes.get(i)).context("a volume slot of the template is empty; fill it")?;
         objects.push(make_object(object, volume, styles, &mut used, &mut notes, progress)?);
     }
+    let camera = camera(&template.camera, objects.first())?;
+    let mut visible = template.objects.iter().map(|o| o.visible);
+    objects.retain(|_| visible.next().unwrap_or(true));
     let scene = Scene {
-        camera: camera(&template.camera, objects.first())?,
+        camera,
         objects,
         styles: used,
         background: match template.background {

@@ -1,6 +1,8 @@
 //! What an edit of a figure is: a value that says everything about it. A document is changed by commands only, so that every
 //! change has a name, can be undone, and is the same whether it comes from a panel, a key or a test.
 
+use std::ops::Range;
+
 use anyhow::{Result, bail};
 
 use super::template::{
@@ -48,12 +50,12 @@ pub enum Command {
         /// 0 to 1; beyond that it is moved to the nearer of the two.
         opacity: f64,
     },
-    /// The style of a node.
-    SetNodeStyle {
+    /// The style of successive nodes.
+    SetStyle {
         /// Of which object's transfer function.
         object: usize,
-        /// Which node.
-        node: usize,
+        /// Which nodes.
+        nodes: Range<usize>,
         /// The style's name.
         style: String,
     },
@@ -70,6 +72,27 @@ pub enum Command {
         object: usize,
         /// In mm.
         scale_mm: Option<f64>,
+    },
+    /// d₀: the length that the opacities are stated for; `None`: the volume's smallest spacing.
+    SetReferenceLength {
+        /// Of which object's transfer function.
+        object: usize,
+        /// In mm.
+        length_mm: Option<f64>,
+    },
+    /// What an object is called.
+    SetName {
+        /// Which object.
+        object: usize,
+        /// Empty: as its volume.
+        name: String,
+    },
+    /// Whether an object is drawn.
+    SetVisible {
+        /// Which object.
+        object: usize,
+        /// Drawn or not.
+        visible: bool,
     },
     /// Another file in a slot.
     SetVolume {
@@ -89,21 +112,30 @@ impl Command {
             Self::SetProjection(ProjectionName::Perspective) => "Use perspective".to_owned(),
             Self::SetProjection(ProjectionName::Orthographic) => "Use parallel projection".to_owned(),
             Self::SetBackground(_) => "Change background".to_owned(),
-            Self::SetPage(page) => format!("Change page to {:.4} x {:.4} mm", page.width_mm, page.height_mm),
+            Self::SetPage(page) => format!("Change page to {} x {} mm", short(page.width_mm), short(page.height_mm)),
             Self::SetQuality(_) => "Change quality".to_owned(),
             Self::SetTransferFunction { .. } => "Replace transfer function".to_owned(),
-            Self::InsertNode { node, .. } => format!("Insert node at {:.6}", node.at),
-            Self::MoveNode { at, .. } => format!("Move node to {at:.6}"),
-            Self::SetNodeStyle { style, .. } => format!("Dress node in {style}"),
+            Self::InsertNode { node, .. } => format!("Insert node at {}", short(node.at)),
+            Self::MoveNode { at, .. } => format!("Move node to {}", short(*at)),
+            Self::SetStyle { style, .. } => format!("Dress in {style}"),
             Self::RemoveNode { .. } => "Remove node".to_owned(),
             Self::SetGradientScale { .. } => "Change gradient smoothing".to_owned(),
+            Self::SetReferenceLength { .. } => "Change reference length of opacity".to_owned(),
+            Self::SetName { name, .. } => format!("Rename to {name}"),
+            Self::SetVisible { visible: true, .. } => "Show object".to_owned(),
+            Self::SetVisible { visible: false, .. } => "Hide object".to_owned(),
             Self::SetVolume { volume, .. } => format!("Use {}", volume.file),
         }
     }
 
-    /// Whether two successive edits of this kind are one undo step: views are, so that undo never wades through them.
+    /// Whether two successive edits of this kind are one undo step: views are, so that undo never wades through them, and
+    /// background colors, which one finds by trying.
     pub fn merges_with(&self, later: &Self) -> bool {
-        matches!((self, later), (Self::SetCamera(_), Self::SetCamera(_)))
+        use Background::Color;
+        matches!(
+            (self, later),
+            (Self::SetCamera(_), Self::SetCamera(_)) | (Self::SetBackground(Color(_)), Self::SetBackground(Color(_)))
+        )
     }
 
     /// Makes the edit.
@@ -149,8 +181,15 @@ impl Command {
                 let node = node_of(nodes, node)?;
                 (node.at, node.opacity) = (at.clamp(low, high), opacity.clamp(0.0, 1.0));
             }
-            Self::SetNodeStyle { object, node, style } => {
-                node_of(&mut function_of(figure, object)?.nodes, node)?.style = style;
+            Self::SetStyle { object, nodes, style } => {
+                let all = &mut function_of(figure, object)?.nodes;
+                let num_nodes = all.len();
+                let Some(chosen) = all.get_mut(nodes.clone()).filter(|c| !c.is_empty()) else {
+                    bail!("the transfer function has {num_nodes} nodes, not {} to {}", nodes.start + 1, nodes.end);
+                };
+                for node in chosen {
+                    node.style.clone_from(&style);
+                }
             }
             Self::RemoveNode { object, node } => {
                 let nodes = &mut function_of(figure, object)?.nodes;
@@ -166,6 +205,14 @@ impl Command {
                 }
                 object_of(figure, object)?.gradient_scale_mm = scale_mm;
             }
+            Self::SetReferenceLength { object, length_mm } => {
+                if length_mm.is_some_and(|l| !(l.is_finite() && l > 0.0)) {
+                    bail!("opacities cannot be those of {} mm; give a positive length", length_mm.unwrap_or_default());
+                }
+                function_of(figure, object)?.reference_length_mm = length_mm;
+            }
+            Self::SetName { object, name } => object_of(figure, object)?.name = name,
+            Self::SetVisible { object, visible } => object_of(figure, object)?.visible = visible,
             Self::SetVolume { slot, volume } => match figure.volumes.get_mut(slot) {
                 Some(place) => *place = volume,
                 None => bail!("the figure has no volume number {}", slot + 1),
@@ -173,6 +220,11 @@ impl Command {
         }
         Ok(())
     }
+}
+
+/// At most two decimals, none that say nothing.
+fn short(number: f64) -> f64 {
+    (100.0 * number).round() / 100.0
 }
 
 fn object_of(figure: &mut Template, object: usize) -> Result<&mut super::template::ObjectTemplate> {

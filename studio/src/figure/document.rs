@@ -39,18 +39,24 @@ pub struct Document {
     gesture: Option<Gesture>,
     /// The last command, while nothing else has happened since: what a later one may merge with.
     last: Option<Command>,
-    /// What is on the disk.
-    saved: Arc<Template>,
+    /// What is on the disk, if it was ever there.
+    saved: Option<Arc<Template>>,
     budget: usize,
 }
 
 impl Document {
     /// A document without a past, as if just saved.
     pub fn new(figure: Template) -> Self {
-        let figure = Arc::new(figure);
+        let saved = figure.clone();
+        Self::recovered(figure, Some(saved))
+    }
+
+    /// A document without a past, after a crash: `saved` is what the disk holds (none: nothing that can be read), against
+    /// which the figure counts as changed.
+    pub fn recovered(figure: Template, saved: Option<Template>) -> Self {
         Self {
-            saved: figure.clone(),
-            figure,
+            saved: saved.map(Arc::new),
+            figure: Arc::new(figure),
             undo: VecDeque::new(),
             redo: Vec::new(),
             gesture: None,
@@ -66,12 +72,22 @@ impl Document {
 
     /// Whether it is another one than on the disk.
     pub fn is_changed(&self) -> bool {
-        self.figure != self.saved
+        self.saved.as_ref() != Some(&self.figure)
     }
 
-    /// Takes note that `figure` was written.
-    pub fn mark_saved(&mut self, figure: &Arc<Template>) {
-        self.saved = figure.clone();
+    /// Takes note that the figure, as it is now, was written.
+    pub fn mark_saved(&mut self) {
+        self.saved = Some(self.figure.clone());
+    }
+
+    /// Changes the figure and its past and future alike: no edit, but another way to say the same (files have other names
+    /// from another folder).
+    pub fn map_all(&mut self, change: impl Fn(&mut Template)) {
+        let past = self.undo.iter_mut().chain(&mut self.redo).map(|step| &mut step.figure);
+        for figure in past.chain([&mut self.figure]).chain(&mut self.saved) {
+            change(Arc::make_mut(figure));
+        }
+        self.last = None;
     }
 
     /// What undo would take back.
@@ -87,6 +103,11 @@ impl Document {
     /// The undo steps' labels, oldest first.
     pub fn labels(&self) -> impl Iterator<Item = &str> {
         self.undo.iter().map(|step| step.label.as_str())
+    }
+
+    /// The undone steps' labels, the one that redo brings first.
+    pub fn undone_labels(&self) -> impl Iterator<Item = &str> {
+        self.redo.iter().rev().map(|step| step.label.as_str())
     }
 
     /// Makes an edit: a step of its own, or a part of the gesture that is under way. An edit that changes nothing is none.
@@ -140,6 +161,11 @@ impl Document {
     /// Whether a gesture is under way.
     pub fn in_gesture(&self) -> bool {
         self.gesture.is_some()
+    }
+
+    /// Whether a gesture is under way that has changed something: a hand that only rests has not.
+    pub fn in_motion(&self) -> bool {
+        self.gesture.as_ref().is_some_and(|g| g.label.is_some())
     }
 
     /// Takes the last step back (a gesture under way is aborted instead); whether there was one.
@@ -296,7 +322,7 @@ mod tests {
         fn command(&mut self, document: &Document) -> Command {
             let node = self.below(9);
             let object = usize::from(self.below(20) == 0);
-            match self.below(10) {
+            match self.below(13) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
@@ -311,12 +337,15 @@ mod tests {
                     },
                 },
                 5 => Command::RemoveNode { object, node },
-                6 => Command::SetNodeStyle { object, node, style: "clay".to_owned() },
+                6 => Command::SetStyle { object, nodes: node..node + self.below(3), style: "clay".to_owned() },
                 7 => Command::SetGradientScale { object, scale_mm: Some(self.number()) },
                 8 => Command::SetPage(crate::figure::template::Page {
                     width_mm: self.number(),
                     ..document.figure().figure.clone()
                 }),
+                9 => Command::SetReferenceLength { object, length_mm: Some(self.number()) },
+                10 => Command::SetName { object, name: ["", "Skull"][self.below(2)].to_owned() },
+                11 => Command::SetVisible { object, visible: self.below(2) == 0 },
                 _ => Command::MoveNode { object, node, at: self.number(), opacity: self.number() },
             }
         }
@@ -344,6 +373,8 @@ mod tests {
             }
             assert!((10..200).contains(&refused), "{refused}");
             document.commit();
+            // The walk may have ended among undone steps.
+            while document.redo() {}
             let last = document.figure().to_json().unwrap();
             let mut steps = 0;
             while document.undo() {

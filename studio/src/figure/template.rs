@@ -61,8 +61,14 @@ pub struct VolumeSlot {
 /// One object: a volume with a look.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ObjectTemplate {
+    /// What it is called. Default: the slot's name.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub name: String,
     /// The slot's name.
     pub volume: String,
+    /// Whether it is drawn. One that is not still has its place: the camera is relative to it.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub visible: bool,
     /// Value → style and opacity.
     pub transfer_function: TransferFunctionTemplate,
     /// Standard deviation, in mm, of the Gaussian that smooths what gradients are taken from.
@@ -201,6 +207,15 @@ pub enum QualityName {
     Final,
 }
 
+fn yes() -> bool {
+    true
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+fn is_yes(visible: &bool) -> bool {
+    *visible
+}
+
 fn is_zero(n: &usize) -> bool {
     *n == 0
 }
@@ -219,6 +234,13 @@ fn default_height() -> f64 {
 
 fn default_dpi() -> f64 {
     300.0
+}
+
+impl ObjectTemplate {
+    /// What people call it.
+    pub fn title(&self) -> &str {
+        if self.name.is_empty() { &self.volume } else { &self.name }
+    }
 }
 
 impl Template {

@@ -1,0 +1,462 @@
+//! "What is this?": what a pixel of a picture shows, found on the CPU with one ray and without anything that would have to
+//! be prepared for it.
+//!
+//! The method is that of A. Wiebel, F. M. Vos, D. Foerster and H.-C. Hege, *WYSIWYP: What You See Is What You Pick* (IEEE
+//! TVCG 18(12), 2012): along the ray opacity piles up, and what a viewer takes for the thing that is seen is where it jumps
+//! most. Theirs cuts the ray at every minimum of its slope; here a minimum counts from a depth of one half on, as the noise
+//! of a scan would else cut a thick translucent body into slices.
+
+use std::cell::OnceCell;
+use std::ops::Range;
+
+use glam::DVec3;
+
+use crate::reference::opacity::opacity_correct;
+use crate::reference::piece::classify_piece;
+use crate::reference::ray::{Ray, ray_from_pixel, samples};
+use crate::reference::sample::{central_differences, trilinear};
+use crate::reference::style::{
+    Face, RayFrame, at_node, face_normal, ray_frame, shade, steepness, style_level, style_normal,
+};
+use crate::scene::{Object, Scene};
+
+/// What a pixel shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pick {
+    /// Where it is: world (RAS), mm.
+    pub position_mm: DVec3,
+    /// The data value there (CT: HU).
+    pub value: f64,
+    /// ‖ĝ‖ there, from 0 to 1: steeper than G counts as 1, and a face of the volume as at least what it looks like.
+    pub gradient: f64,
+    /// How much of the pixel it is, from 0 to 1: the jump of the ray's opacity.
+    pub opacity: f64,
+    /// Node coordinate of the transfer function: i + w is w of the way from node i to node i + 1.
+    pub node: f64,
+}
+
+/// Length of a piece of the ray, in voxels.
+const STEP_VOXELS: f64 = 0.5;
+/// A jump below this is nothing that a viewer could mean.
+const LEAST_OPACITY: f64 = 0.01;
+/// A ray whose transmittance is below this holds no jump worth picking.
+const SPENT: f64 = 0.1 * LEAST_OPACITY;
+/// Up to this share of the slope before and behind it, a minimum parts two things.
+const DIP: f64 = 0.5;
+
+/// What pixel (column `x`, row `y` from the top left) of a picture of `image_size` (width, height) pixels shows of the
+/// scene's first object; `None` where it shows nothing or is not in the picture, and for a scene that
+/// [`Scene::validate`] refuses.
+///
+/// It reads the voxels near the ray only. Opacities are those of the picture, both ends of a piece and the style's own
+/// included, but normals are those of the data: they are not smoothed by σ_g, so where a style's opacity depends on the
+/// normal and data are noisy, so is what is picked. G (and, beside wide gaps, the range of the data) comes from the volume,
+/// which finds it once; a volume that was drawn has it.
+pub fn pick(scene: &Scene, image_size: [u32; 2], x: u32, y: u32) -> Option<Pick> {
+    let object = scene.objects.first()?;
+    if x >= image_size[0] || y >= image_size[1] || scene.validate().is_err() {
+        return None;
+    }
+    let line = Line::new(scene, object, image_size[1], ray_from_pixel(&scene.camera, image_size, x, y));
+    let seen = line.march();
+    let opacities: Vec<f64> = seen.iter().map(|s| s.opacity).collect();
+    let jump = largest_jump(&opacities);
+    let opacity: f64 = opacities[jump.clone()].iter().sum();
+    if opacity < LEAST_OPACITY {
+        return None;
+    }
+    let best = seen[jump].iter().max_by(|a, b| a.opacity.total_cmp(&b.opacity))?;
+    let (gradient, face) = line.gradient(best.t);
+    Some(Pick {
+        position_mm: line.ray.origin_mm + best.t * line.ray.direction,
+        value: line.field.value(line.at(best.t)),
+        gradient: steepness(gradient, face).min(1.0),
+        opacity,
+        node: best.node,
+    })
+}
+
+/// The stretch of a ray over which its opacity rises most, in a row of what each piece adds to it. Stretches are parted at
+/// the minima that are at most [`DIP`] of the largest before and of what follows.
+fn largest_jump(opacities: &[f64]) -> Range<usize> {
+    let (mut best, mut best_sum) = (0..0, 0.0);
+    let mut close = |stretch: Range<usize>| {
+        let sum: f64 = opacities[stretch.clone()].iter().sum();
+        if sum > best_sum {
+            (best, best_sum) = (stretch, sum);
+        }
+    };
+    // The present stretch: its first piece, its largest, and the smallest since then.
+    let (mut first, mut peak, mut valley) = (0, 0.0, 0);
+    for (i, &opacity) in opacities.iter().enumerate() {
+        let low = opacities[valley];
+        if low <= DIP * peak && low < DIP * opacity {
+            close(first..valley);
+            (first, peak, valley) = (valley, opacity, i);
+        } else if opacity >= peak {
+            (peak, valley) = (opacity, i);
+        } else if opacity < low {
+            valley = i;
+        }
+    }
+    close(first..opacities.len());
+    best
+}
+
+/// What a piece of the ray adds to the pixel.
+struct Seen {
+    /// Where it is seen, mm along the ray.
+    t: f64,
+    /// Node coordinate.
+    node: f64,
+    /// Opacity, as far as what lies before it lets it through.
+    opacity: f64,
+}
+
+/// The data as pictures reconstruct them (docs/rendering.md §2), voxel by voxel as they are asked for.
+struct Field<'a> {
+    object: &'a Object,
+    /// Smallest data value of the volume.
+    least: OnceCell<f64>,
+}
+
+impl Field<'_> {
+    /// The data value of a voxel; where it has none, the smallest of its neighbors', else of the volume's.
+    fn voxel(&self, x: usize, y: usize, z: usize) -> f64 {
+        let volume = &self.object.volume;
+        let value = volume.value(x, y, z);
+        if value.is_finite() {
+            return value;
+        }
+        let [nx, ny, nz] = volume.grid.dims();
+        let around = |i: usize, n: usize| i.saturating_sub(1)..(i + 2).min(n);
+        let mut smallest = f64::INFINITY;
+        for zz in around(z, nz) {
+            for yy in around(y, ny) {
+                for xx in around(x, nx) {
+                    let neighbor = volume.value(xx, yy, zz);
+                    smallest = if neighbor.is_finite() { smallest.min(neighbor) } else { smallest };
+                }
+            }
+        }
+        if smallest.is_finite() { smallest } else { *self.least.get_or_init(|| self.object.data_range().0) }
+    }
+
+    /// Data value at the index-space position `p`.
+    fn value(&self, p: DVec3) -> f64 {
+        trilinear(self.object.volume.grid.dims(), p, |x, y, z| self.voxel(x, y, z))
+    }
+
+    /// Weight, from 0 to 1, of the voxels around `p` that have data.
+    fn has_data(&self, p: DVec3) -> f64 {
+        let volume = &self.object.volume;
+        trilinear(volume.grid.dims(), p, |x, y, z| if volume.value(x, y, z).is_finite() { 1.0 } else { 0.0 })
+    }
+}
+
+/// One ray through an object.
+struct Line<'a> {
+    scene: &'a Scene,
+    field: Field<'a>,
+    image_height: u32,
+    ray: Ray,
+    frame: RayFrame,
+    /// The ray in index space.
+    origin: DVec3,
+    direction: DVec3,
+}
+
+impl<'a> Line<'a> {
+    fn new(scene: &'a Scene, object: &'a Object, image_height: u32, ray: Ray) -> Self {
+        let index_from_world = object.volume.grid.index_from_world();
+        Self {
+            scene,
+            field: Field { object, least: OnceCell::new() },
+            image_height,
+            ray,
+            frame: ray_frame(&scene.camera, ray.direction),
+            origin: index_from_world.transform_point3(ray.origin_mm),
+            direction: index_from_world.matrix3 * ray.direction,
+        }
+    }
+
+    /// Index position at `t` mm.
+    fn at(&self, t: f64) -> DVec3 {
+        self.origin + t * self.direction
+    }
+
+    /// ĝ at `t`, not smoothed, and the volume's face there.
+    fn gradient(&self, t: f64) -> (DVec3, Face) {
+        let volume = &self.field.object.volume;
+        let to_world = volume.grid.world_gradient_from_index();
+        let g = central_differences(|p| self.field.value(p), to_world, self.at(t));
+        (g / volume.gradient_max(), face_normal(&volume.grid, self.at(t)))
+    }
+
+    /// What every piece of the ray adds, front to back, until nothing shows through.
+    fn march(&self) -> Vec<Seen> {
+        let function = &self.field.object.transfer_function;
+        let mut seen = Vec::new();
+        let Some(pieces) = samples(&self.ray, &self.field.object.volume.grid, STEP_VOXELS) else { return seen };
+        let mut clear = 1.0;
+        let mut front = self.field.value(self.at(pieces.t0));
+        for k in 0..pieces.count {
+            let (start, end) = pieces.piece(k);
+            let back = self.field.value(self.at(end));
+            let mut piece = Seen { t: start, node: 0.0, opacity: 0.0 };
+            // The quadrature is for what shows something.
+            if function.max_opacity(front.min(back), front.max(back)) > 0.0 {
+                let lengths = (end - start) / function.reference_length_mm;
+                let found = classify_piece(function, front, back, lengths);
+                piece.t = start + found.middle * (end - start);
+                piece.node = found.node;
+                piece.opacity = clear * self.opacity(piece.t, found.node, -(-found.extinction).exp_m1(), lengths);
+                clear -= piece.opacity;
+            }
+            seen.push(piece);
+            if clear < SPENT {
+                break;
+            }
+            front = back;
+        }
+        seen
+    }
+
+    /// α' of a stretch of `lengths` reference lengths that is seen at `t`, with the node coordinate `node` and α_u
+    /// `opacity`.
+    fn opacity(&self, t: f64, node: f64, opacity: f64, lengths: f64) -> f64 {
+        let object = self.field.object;
+        let camera = &self.scene.camera;
+        let class = at_node(&object.transfer_function, node, opacity);
+        let (gradient, face) = self.gradient(t);
+        let n_xy = style_normal(gradient, face, self.ray.direction, &self.frame);
+        let depth_mm = (self.ray.origin_mm + t * self.ray.direction - camera.eye_mm).dot(camera.forward);
+        let spacing_mm = object.volume.grid.spacing_mm().min_element();
+        let level = style_level(camera, self.image_height, depth_mm, spacing_mm, steepness(gradient, face));
+        let (_, alpha_d) = shade(&self.scene.styles, &class, n_xy, level);
+        opacity_correct(alpha_d * opacity * self.field.has_data(self.at(t)), lengths)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::DAffine3;
+
+    use super::*;
+    use crate::image_out::Picture;
+    use crate::reference::Reference;
+    use crate::reference::testing::{awkward_affines, looking_at, node, scene, sphere_style, volume};
+    use crate::scene::{Projection, TransferFunctionNode};
+    use crate::spaces::Grid;
+    use crate::styles::{STYLE_SIZE, StyleImage, normal_from_uv};
+    use crate::volume::{Rescale, Volume, Voxels};
+
+    const ORTHO: Projection = Projection::Orthographic { height_mm: 33.0 };
+    const PERSPECTIVE: Projection = Projection::Perspective { fov_y_deg: 30.0 };
+    /// The pixel in the middle of it is on the view axis.
+    const SIZE: [u32; 2] = [33, 33];
+
+    fn white() -> StyleImage {
+        StyleImage::flat("white", [1.0; 4])
+    }
+
+    /// Opaque from 500 on.
+    fn solid() -> Vec<TransferFunctionNode> {
+        vec![node(500.0, 0, 0.0), node(500.0, 0, 1.0)]
+    }
+
+    /// 500 on a sphere of `radius` mm around `center`, more inside and less outside, from 0 to 1000.
+    fn ball(p: DVec3, center: DVec3, radius: f64) -> f64 {
+        (500.0 + 200.0 * (radius - p.distance(center))).clamp(0.0, 1000.0)
+    }
+
+    const CENTER: DVec3 = DVec3::splat(16.0);
+
+    /// A ball of radius 6 mm, opaque, in a shell of −400 at 12 mm; −250 is 0.75 mm to either side. Beyond that the shell
+    /// has the opacity `shell` per mm. 33³ voxels of 1 mm, seen from the front (from −y) at 100 mm.
+    fn ball_in_shell(shell: f64, projection: Projection) -> Scene {
+        let field = |p: DVec3| {
+            let r = p.distance(CENTER);
+            if r < 9.5 { ball(p, CENTER, 6.0) } else { -400.0 * (1.0 - (r - 12.0).abs() / 2.0).max(0.0) }
+        };
+        let nodes = [vec![node(-250.0, 0, shell), node(-250.0, 0, 0.0)], solid()].concat();
+        let camera = looking_at(CENTER - 100.0 * DVec3::Y, CENTER, projection);
+        scene(volume([33; 3], DAffine3::IDENTITY, field), nodes, vec![white()], camera)
+    }
+
+    #[test]
+    fn the_ball_is_picked_through_a_faint_shell_and_the_shell_when_it_hides_it() {
+        for projection in [ORTHO, PERSPECTIVE] {
+            // 1.5 mm of shell: up to a = 0.37 per mm it is less than what is left for the ball.
+            for (shell, radius) in [(0.0, 6.0), (0.05, 6.0), (0.2, 6.0), (0.5, 12.75), (1.0, 12.75)] {
+                let picked = pick(&ball_in_shell(shell, projection), SIZE, 16, 16).unwrap();
+                let through = (1.0f64 - shell).powf(1.5);
+                assert!((picked.position_mm - (CENTER - radius * DVec3::Y)).length() < 0.5, "{shell}: {picked:?}");
+                let opacity = if radius == 6.0 { through } else { 1.0 - through };
+                assert!((picked.opacity - opacity).abs() < 0.04, "{shell}: {picked:?} is not {opacity}");
+                let (value, at) = if radius == 6.0 { (500.0, 3.0) } else { (-250.0, 0.0) };
+                assert!((picked.value - value).abs() < 100.0 && (picked.node - at).abs() < 1e-6, "{picked:?}");
+                assert!((0.2..=1.0).contains(&picked.gradient), "{picked:?}");
+            }
+        }
+        // Beside the middle, at 4 mm (rows count from the top), and past it all.
+        let picked = pick(&ball_in_shell(0.05, ORTHO), SIZE, 16, 12).unwrap();
+        let expected = CENTER + DVec3::new(0.0, -(36.0f64 - 16.0).sqrt(), 4.0);
+        assert!((picked.position_mm - expected).length() < 0.5, "{picked:?}");
+        assert_eq!(pick(&ball_in_shell(0.0, ORTHO), SIZE, 16, 9), None);
+        assert_eq!(pick(&ball_in_shell(1.0, ORTHO), SIZE, 1, 1), None);
+    }
+
+    #[test]
+    fn positions_are_in_the_world_whatever_the_grid() {
+        for affine in awkward_affines() {
+            let center = affine.transform_point3(DVec3::new(24.0, 20.0, 22.0));
+            let data = volume([48, 41, 45], affine, |p| ball(p, center, 6.0));
+            let half_voxel = 0.5 * data.grid.spacing_mm().max_element();
+            let mut turned = scene(data, solid(), vec![sphere_style()], looking_at(center, center + DVec3::X, ORTHO));
+            for from in [DVec3::X, DVec3::new(-1.0, 2.0, 0.5).normalize(), DVec3::new(0.3, -0.2, -1.0).normalize()] {
+                for projection in [ORTHO, PERSPECTIVE] {
+                    turned.camera = looking_at(center + 60.0 * from, center, projection);
+                    let picked = pick(&turned, SIZE, 16, 16).unwrap();
+                    let off = picked.position_mm - (center + 6.0 * from);
+                    assert!(off.length() < half_voxel, "{affine:?} from {from}: off by {off}");
+                    // Aside of the axis by 3 pixels each: on its own ray, on the sphere, on the near side.
+                    let ray = ray_from_pixel(&turned.camera, SIZE, 19, 13);
+                    let picked = pick(&turned, SIZE, 19, 13).unwrap();
+                    assert!((picked.position_mm - ray.origin_mm).cross(ray.direction).length() < 1e-9);
+                    assert!((picked.position_mm.distance(center) - 6.0).abs() < half_voxel, "{picked:?}");
+                    assert!((picked.position_mm - center).dot(from) > 0.0);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_shows_nothing_is_nothing() {
+        let shown = ball_in_shell(1.0, ORTHO);
+        for (size, x, y) in [(SIZE, 33, 16), (SIZE, 16, 33), ([0, 0], 0, 0), ([33, 0], 1, 0)] {
+            assert_eq!(pick(&shown, size, x, y), None, "{size:?} {x} {y}");
+        }
+        // Away from it in perspective; in a parallel projection there is no behind.
+        for (projection, is_seen) in [(PERSPECTIVE, false), (ORTHO, true)] {
+            let away = looking_at(CENTER - 100.0 * DVec3::Y, CENTER - 200.0 * DVec3::Y, projection);
+            assert_eq!(pick(&Scene { camera: away, ..shown.clone() }, SIZE, 16, 16).is_some(), is_seen);
+        }
+        // A slab of 32 voxels that takes 0.6 %, and one that takes 2 %.
+        let slab = |alpha: f64| {
+            let camera = looking_at(CENTER - 100.0 * DVec3::Y, CENTER, ORTHO);
+            scene(volume([33; 3], DAffine3::IDENTITY, |_| 1.0), vec![node(0.0, 0, alpha)], vec![white()], camera)
+        };
+        assert_eq!(pick(&slab(0.006 / 33.0), SIZE, 16, 16), None);
+        assert!((pick(&slab(0.02 / 33.0), SIZE, 16, 16).unwrap().opacity - 0.02).abs() < 1e-3);
+        let mut faulty = shown.clone();
+        faulty.objects[0].transfer_function.nodes.clear();
+        assert_eq!(pick(&faulty, SIZE, 16, 16), None);
+        assert_eq!(pick(&Scene { objects: Vec::new(), ..shown }, SIZE, 16, 16), None);
+    }
+
+    #[test]
+    fn a_style_that_is_clear_face_on_is_picked_at_the_rim() {
+        let texel = |i: usize| {
+            let uv = [i % STYLE_SIZE, i / STYLE_SIZE].map(|k| (k as f64 + 0.5) / STYLE_SIZE as f64);
+            let n = normal_from_uv(uv, STYLE_SIZE);
+            [1.0, 1.0, 1.0, if n[0].hypot(n[1]) > 0.8 { 1.0 } else { 0.0 }]
+        };
+        let pixels = (0..STYLE_SIZE * STYLE_SIZE).map(texel).collect();
+        let contour = Picture { width: STYLE_SIZE, height: STYLE_SIZE, pixels };
+        let mut drawn = ball_in_shell(0.0, ORTHO);
+        drawn.styles = vec![Arc::new(StyleImage::from_straight("contour", &contour).unwrap())];
+        assert_eq!(pick(&drawn, SIZE, 16, 16), None);
+        assert!(pick(&drawn, [330, 330], 165 + 57, 165).is_some());
+    }
+
+    #[test]
+    fn a_camera_inside_picks_what_is_before_it() {
+        let mut inside = ball_in_shell(1.0, PERSPECTIVE);
+        let eye = CENTER + DVec3::new(0.0, 0.0, 9.0);
+        for (target, radius) in [(CENTER + 20.0 * DVec3::Z, 11.25), (CENTER, 6.0)] {
+            inside.camera = looking_at(eye, target, PERSPECTIVE);
+            let picked = pick(&inside, SIZE, 16, 16).unwrap();
+            assert!((picked.position_mm - (CENTER + radius * DVec3::Z)).length() < 0.5, "{picked:?}");
+        }
+    }
+
+    #[test]
+    fn a_slice_of_one_voxel_is_picked_from_either_side_and_along_it() {
+        let grid = Grid::new([32, 32, 1], DAffine3::from_scale(DVec3::new(1.0, 1.0, 3.0))).unwrap();
+        let slice = || Volume::new(grid, Voxels::U8(vec![200; 1024]), Rescale::IDENTITY, "test").unwrap();
+        let center = DVec3::new(15.5, 15.5, 0.0);
+        for (from, depth) in [(DVec3::Z, 1.5), (DVec3::NEG_Z, 1.5), (DVec3::NEG_X, 16.0)] {
+            let camera = looking_at(center + 50.0 * from, center, ORTHO);
+            let picked = pick(&scene(slice(), vec![node(0.0, 0, 1.0)], vec![white()], camera), SIZE, 16, 16).unwrap();
+            let off = (picked.position_mm - (center + depth * from)).length();
+            assert!(off < 0.5 * grid.spacing_mm().max_element(), "{from}: {picked:?}");
+            assert!((picked.value, picked.opacity) == (200.0, 1.0) && picked.gradient > 0.01, "{picked:?}");
+        }
+    }
+
+    #[test]
+    fn voxels_without_data_are_not_there() {
+        let mut cut = ball_in_shell(0.0, ORTHO);
+        let whole = cut.objects[0].volume.clone();
+        let Voxels::F64(values) = &whole.voxels else { panic!() };
+        // All before y = 16 is missing, so the ball shows its cut; then all is.
+        let with = |missing: &dyn Fn([usize; 3]) -> bool| {
+            let at = |i: usize| [i % 33, i / 33 % 33, i / 1089];
+            let gap = |(i, &v): (usize, &f64)| if missing(at(i)) { f64::NAN } else { v };
+            let values = values.iter().enumerate().map(gap).collect();
+            Arc::new(Volume::new(whole.grid, Voxels::F64(values), Rescale::IDENTITY, "test").unwrap())
+        };
+        cut.objects[0].volume = with(&|p| p[1] < 16);
+        let picked = pick(&cut, SIZE, 16, 16).unwrap();
+        assert!((picked.position_mm - (CENTER - 0.5 * DVec3::Y)).length() < 0.75, "{picked:?}");
+        assert!(picked.value > 900.0 && picked.gradient.is_finite());
+        cut.objects[0].volume = with(&|_| true);
+        assert_eq!(pick(&cut, SIZE, 16, 16), None);
+    }
+
+    #[test]
+    fn the_opacity_of_a_ray_is_that_of_the_picture() {
+        // Translucent, with gaps and a style whose opacity depends on the normal, in a crooked grid.
+        let texel = |i: usize| [1.0, 1.0, 1.0, 0.3 + 0.6 * (i % STYLE_SIZE) as f32 / STYLE_SIZE as f32];
+        let pixels = (0..STYLE_SIZE * STYLE_SIZE).map(texel).collect();
+        let uneven = Picture { width: STYLE_SIZE, height: STYLE_SIZE, pixels };
+        let uneven = StyleImage::from_straight("uneven", &uneven).unwrap();
+        let affine = awkward_affines()[4];
+        let center = affine.transform_point3(DVec3::splat(15.5));
+        let field =
+            |p: DVec3| if p.x.sin() > 0.98 { f64::NAN } else { ball(p, center, 6.0) + 40.0 * (p.y * 0.8).sin() };
+        let nodes = vec![node(100.0, 0, 0.0), node(400.0, 0, 0.3), node(420.0, 0, 0.02), node(900.0, 0, 0.1)];
+        let camera = looking_at(center + DVec3::new(40.0, -50.0, 20.0), center, PERSPECTIVE);
+        let drawn = scene(volume([32; 3], affine, field), nodes, vec![uneven], camera);
+        let reference = Reference::new(&drawn).unwrap();
+        let mut opaque: f64 = 0.0;
+        for i in 0..33 {
+            let line = Line::new(&drawn, &drawn.objects[0], 33, ray_from_pixel(&drawn.camera, SIZE, i, (7 * i) % 33));
+            let ours: f64 = line.march().iter().map(|s| s.opacity).sum();
+            let theirs = reference.pixel_with_step(SIZE, i, (7 * i) % 33, 1.0 / 64.0, 0.0)[3];
+            assert!((ours - theirs).abs() < 0.02, "{i}: {ours} is not {theirs}");
+            opaque = opaque.max(theirs);
+        }
+        assert!(opaque > 0.5, "{opaque}");
+    }
+
+    #[test]
+    fn largest_jump_parts_at_deep_minima_only() {
+        assert_eq!(largest_jump(&[]), 0..0);
+        assert_eq!(largest_jump(&[0.0; 4]), 0..0);
+        // Two bumps with nothing between them; the first is higher, the second more.
+        let two = [0.0, 0.3, 0.0, 0.0, 0.1, 0.2, 0.1, 0.0];
+        let jump = largest_jump(&two);
+        assert!(jump.contains(&4) && jump.contains(&6) && !jump.contains(&1), "{jump:?}");
+        // A thick body with noise is one thing, more than the thin sheet before it.
+        let body: Vec<f64> = [0.0, 0.15, 0.0].into_iter().chain((0..40).map(|i| [0.02, 0.013][i % 2])).collect();
+        assert_eq!(largest_jump(&body), 2..43);
+        // A minimum counts if both sides rise to twice its height; then it is the second's first.
+        assert_eq!(largest_jump(&[0.1, 0.04, 0.2, 0.2]), 1..4);
+        assert_eq!(largest_jump(&[0.1, 0.06, 0.2, 0.2]), 0..4);
+        assert_eq!(largest_jump(&[0.06, 0.04, 0.2, 0.2]), 0..4);
+    }
+}

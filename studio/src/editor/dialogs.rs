@@ -1,0 +1,186 @@
+//! What stands in front of everything else until it is answered: the palette, questions, a path where the system has no dialog
+//! for it.
+
+use std::path::PathBuf;
+
+use eframe::egui::{self, Context, Key, Modal, Ui};
+
+use super::file_dialog::Purpose;
+use super::theme;
+use super::ui_command::UiCommand;
+
+/// What is asked.
+#[derive(Clone, Debug)]
+pub enum Dialog {
+    /// A path, with what is typed.
+    Path(Purpose, String),
+    /// There are unsaved changes: what was asked for.
+    Unsaved(Then),
+    /// Files were dropped on a figure.
+    Dropped(Vec<PathBuf>),
+    /// The palette with what is typed, and which of the commands found is chosen.
+    Palette(String, usize),
+}
+
+/// What happens once unsaved changes are dealt with.
+#[derive(Clone, Debug)]
+pub enum Then {
+    /// The window closes.
+    Quit,
+    /// The start page.
+    New,
+    /// These are opened.
+    Open(Vec<PathBuf>),
+    /// A figure that came with the program.
+    Shipped(usize),
+    /// What a crash left behind.
+    Restore(usize),
+}
+
+/// What a dialog ended with.
+pub enum Choice {
+    /// Its filled button, or Enter.
+    Accept,
+    /// Unsaved changes may be lost; dropped files are a figure of their own.
+    Other,
+    /// Nothing happens.
+    Cancel,
+    /// The palette's command.
+    Run(UiCommand),
+}
+
+/// Shows a dialog; how it ended, if it did. `disabled` says why a command cannot be run.
+pub fn show(
+    ctx: &Context,
+    dialog: &mut Dialog,
+    disabled: impl Fn(UiCommand) -> Option<&'static str>,
+) -> Option<Choice> {
+    let mut chosen = None;
+    let modal = Modal::new(egui::Id::unique("dialog")).show(ctx, |ui| {
+        ui.set_width(440.0);
+        chosen = match dialog {
+            Dialog::Path(purpose, text) => path(ui, *purpose, text),
+            Dialog::Unsaved(_) => {
+                question(ui, "Save the changes first?", "Without saving, they are lost.", "Save", Some("Do not save"))
+            }
+            Dialog::Dropped(paths) => {
+                let names: Vec<_> = paths.iter().filter_map(|p| p.file_name()).map(|n| n.to_string_lossy()).collect();
+                question(
+                    ui,
+                    "Use this volume in the figure?",
+                    &format!(
+                        "{}: it can take the place of the figure's own volume, or be opened by itself.",
+                        names.join(", ")
+                    ),
+                    "Use in this figure",
+                    Some("Open by itself"),
+                )
+            }
+            Dialog::Palette(text, chosen) => palette(ui, text, chosen, &disabled),
+        };
+    });
+    if chosen.is_none() && modal.should_close() {
+        chosen = Some(Choice::Cancel);
+    }
+    chosen
+}
+
+fn filled(ui: &mut Ui, text: &str) -> egui::Response {
+    let fill = theme::tokens(ui.ctx()).filled;
+    ui.add(egui::Button::new(egui::RichText::new(text).color(theme::ON_FILLED)).fill(fill))
+}
+
+fn question(ui: &mut Ui, title: &str, text: &str, accept: &str, other: Option<&str>) -> Option<Choice> {
+    let mut choice = None;
+    ui.heading(title);
+    ui.label(text);
+    ui.add_space(8.0);
+    ui.horizontal(|ui| {
+        if filled(ui, accept).clicked() || ui.input(|i| i.key_pressed(Key::Enter)) {
+            choice = Some(Choice::Accept);
+        }
+        if other.is_some_and(|text| ui.button(text).clicked()) {
+            choice = Some(Choice::Other);
+        }
+        if ui.button("Cancel").clicked() {
+            choice = Some(Choice::Cancel);
+        }
+    });
+    choice
+}
+
+fn path(ui: &mut Ui, purpose: Purpose, text: &mut String) -> Option<Choice> {
+    let (title, verb) = match purpose {
+        Purpose::Open => ("Open a volume or a figure", "Open"),
+        Purpose::OpenFolder => ("Open a folder that holds a volume", "Open"),
+        Purpose::Save => ("Save the figure as", "Save"),
+        Purpose::Volume(_) => ("Use another volume in this figure", "Use"),
+    };
+    ui.heading(title);
+    let label = ui.label("Path");
+    let field = ui.add(egui::TextEdit::singleline(text).desired_width(f32::INFINITY)).labelled_by(label.id);
+    if ui.memory(|m| m.focused().is_none()) {
+        field.request_focus();
+    }
+    // The field keeps the focus, so that Enter does not end it as elsewhere.
+    let entered = ui.input(|i| i.key_pressed(Key::Enter));
+    let mut choice = None;
+    ui.horizontal(|ui| {
+        if (filled(ui, verb).clicked() || entered) && !text.trim().is_empty() {
+            choice = Some(Choice::Accept);
+        }
+        if ui.button("Cancel").clicked() {
+            choice = Some(Choice::Cancel);
+        }
+    });
+    choice
+}
+
+fn palette(
+    ui: &mut Ui,
+    text: &mut String,
+    at: &mut usize,
+    disabled: &impl Fn(UiCommand) -> Option<&'static str>,
+) -> Option<Choice> {
+    let mut choice = None;
+    let field = egui::TextEdit::singleline(text).hint_text("Command").desired_width(f32::INFINITY);
+    let field = ui.add(field).accessible_name("Command");
+    field.request_focus();
+    if field.changed() {
+        *at = 0;
+    }
+    let found: Vec<UiCommand> = UiCommand::ALL.iter().copied().filter(|c| matches(c.text(), text)).collect();
+    // The field keeps the focus, so these keys are free.
+    let (up, down, enter) =
+        ui.input(|i| (i.key_pressed(Key::ArrowUp), i.key_pressed(Key::ArrowDown), i.key_pressed(Key::Enter)));
+    *at = (*at + usize::from(down)).saturating_sub(usize::from(up)).min(found.len().saturating_sub(1));
+    if enter {
+        choice = found.get(*at).map(|c| Choice::Run(*c));
+    }
+    egui::ScrollArea::vertical().max_height(320.0).auto_shrink([false, true]).show(ui, |ui| {
+        for (i, command) in found.iter().enumerate() {
+            let why = disabled(*command);
+            let keys = command.shortcut().map_or(String::new(), |s| ui.ctx().format_shortcut(&s));
+            let button = egui::Button::selectable(i == *at, command.text())
+                .right_text(theme::small(ui.ctx(), format!("{}   {keys}", command.menu())))
+                .min_size(egui::Vec2::new(ui.available_width(), theme::ROW));
+            let response = ui.add_enabled(why.is_none(), button).on_hover_text(command.tooltip());
+            if i == *at && (up || down) {
+                response.scroll_to_me(None);
+            }
+            if response.on_disabled_hover_text(why.unwrap_or_default()).clicked() {
+                choice = Some(Choice::Run(*command));
+            }
+        }
+        if found.is_empty() {
+            ui.label(theme::small(ui.ctx(), "No command has these letters."));
+        }
+    });
+    choice
+}
+
+/// Whether the letters of `typed` come in `name`, in this order.
+fn matches(name: &str, typed: &str) -> bool {
+    let mut letters = name.chars().flat_map(char::to_lowercase);
+    typed.chars().flat_map(char::to_lowercase).filter(|c| !c.is_whitespace()).all(|c| letters.any(|l| l == c))
+}

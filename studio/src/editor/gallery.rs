@@ -1,0 +1,106 @@
+//! The styles as the window shows them: small pictures of their spheres, made on a thread of their own.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, channel};
+
+use eframe::egui::{Color32, ColorImage, Context, Painter, Pos2, Rect, TextureHandle, TextureOptions, Vec2};
+use fabrica_engine::color::srgb8_from_linear;
+use fabrica_engine::styles::{StyleImage, StyleLibrary};
+
+/// Mip level of the styles that is shown, and its pixels a side: 256 / 2².
+const LEVEL: usize = 2;
+
+/// A style that is dragged: its name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DraggedStyle(pub String);
+
+struct Sphere {
+    texture: TextureHandle,
+    mean: Color32,
+}
+
+/// Pictures of the styles of a library.
+pub struct Gallery {
+    library: Arc<StyleLibrary>,
+    spheres: HashMap<String, Sphere>,
+    made: Receiver<(String, ColorImage, Color32)>,
+}
+
+impl Gallery {
+    /// Begins to make the pictures; [`Gallery::poll`] takes them in.
+    pub fn start(ctx: &Context, library: Arc<StyleLibrary>) -> Self {
+        let (sender, made) = channel();
+        let (theirs, wake) = (library.clone(), ctx.clone());
+        std::thread::spawn(move || {
+            for info in theirs.infos() {
+                // A damaged file of the user's has no picture; using it says what is wrong.
+                let Ok(style) = theirs.get(&info.name) else { continue };
+                if sender.send((info.name.clone(), picture(&style), mean(&style))).is_err() {
+                    return;
+                }
+                wake.request_repaint();
+            }
+        });
+        Self { library, spheres: HashMap::new(), made }
+    }
+
+    /// Takes in what has been made since the last time.
+    pub fn poll(&mut self, ctx: &Context) {
+        for (name, image, mean) in self.made.try_iter() {
+            let texture = ctx.load_texture(format!("style {name}"), image, TextureOptions::LINEAR);
+            self.spheres.insert(name, Sphere { texture, mean });
+        }
+    }
+
+    /// The styles themselves.
+    pub fn library(&self) -> &Arc<StyleLibrary> {
+        &self.library
+    }
+
+    /// What people call a style; its name if it is not in the library.
+    pub fn title<'a>(&'a self, name: &'a str) -> &'a str {
+        self.library.info(name).map_or(name, |info| &info.title)
+    }
+
+    /// The color that a style has from afar; gray until it is known.
+    pub fn mean(&self, name: &str) -> Color32 {
+        self.spheres.get(name).map_or(Color32::GRAY, |s| s.mean)
+    }
+
+    /// Paints a style's sphere.
+    pub fn paint(&self, painter: &Painter, center: Pos2, radius: f32, name: &str) {
+        // Transparent styles stand before a middle gray: before white, glass would vanish.
+        painter.circle_filled(center, radius, Color32::from_gray(110));
+        if let Some(sphere) = self.spheres.get(name) {
+            let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
+            let rect = Rect::from_center_size(center, Vec2::splat(2.0 * radius));
+            painter.image(sphere.texture.id(), rect, whole, Color32::WHITE);
+        }
+    }
+}
+
+/// A premultiplied linear pixel as egui's textures have it, of which `coverage` is left.
+pub fn straight(pixel: [f32; 4], coverage: f32) -> Color32 {
+    let alpha = pixel[3].max(1e-6);
+    let [r, g, b] = [0, 1, 2].map(|c| srgb8_from_linear(pixel[c] / alpha));
+    Color32::from_rgba_unmultiplied(r, g, b, (255.0 * pixel[3] * coverage).round() as u8)
+}
+
+/// The sphere on nothing, its edge antialiased.
+fn picture(style: &StyleImage) -> ColorImage {
+    let level = LEVEL.min(style.mips.len() - 1);
+    let size = style.size >> level;
+    let middle = 0.5 * (size as f32 - 1.0);
+    let pixels = style.mips[level].iter().enumerate().map(|(i, pixel)| {
+        let from_middle = ((i % size) as f32 - middle).hypot((i / size) as f32 - middle);
+        straight(*pixel, (middle + 0.5 - from_middle).clamp(0.0, 1.0))
+    });
+    ColorImage::new([size, size], pixels.collect())
+}
+
+fn mean(style: &StyleImage) -> Color32 {
+    let opaque = straight(style.mips.last().map_or([0.5; 4], |level| level[0]), 1.0);
+    let [r, g, b, _] = opaque.to_srgba_unmultiplied();
+    Color32::from_rgb(r, g, b)
+}

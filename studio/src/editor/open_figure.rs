@@ -1,0 +1,132 @@
+//! The figure that is open: its document, its volumes, and what is chosen in it. Panels and gestures work on this.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use eframe::egui::Response;
+use fabrica_engine::Progress;
+use fabrica_engine::scene::Scene;
+use fabrica_engine::styles::StyleLibrary;
+use fabrica_engine::volume::Volume;
+
+use crate::figure::template::{ObjectTemplate, VolumeSlot};
+use crate::figure::{Command, Document, Template, bridge};
+
+/// A figure that is open.
+pub struct OpenFigure {
+    /// The figure with its past.
+    pub document: Document,
+    /// Where it is saved; none for one that a volume was dressed in, or that a shipped template began.
+    pub path: Option<PathBuf>,
+    /// The object that panels show.
+    pub object: usize,
+    /// The node of its transfer function that is chosen.
+    pub node: Option<usize>,
+    /// What went wrong with the last edit, until it is told.
+    pub fault: Option<String>,
+    /// Every volume that was read for it, with the slot that it was read for: undo may bring a slot back.
+    volumes: Vec<(VolumeSlot, Arc<Volume>)>,
+    /// The scene of a figure, until the figure changes.
+    scene: Option<(Arc<Template>, Option<Arc<Scene>>)>,
+}
+
+impl OpenFigure {
+    /// A figure with the volumes of its slots (none, if they could not be read).
+    pub fn new(document: Document, path: Option<PathBuf>, volumes: &[Arc<Volume>]) -> Self {
+        let slots = document.figure().volumes.clone();
+        let volumes = slots.into_iter().zip(volumes.iter().cloned()).collect();
+        Self { document, path, object: 0, node: None, fault: None, volumes, scene: None }
+    }
+
+    /// What it is called in the title bar.
+    pub fn name(&self) -> String {
+        match (&self.path, &self.document.figure().title) {
+            (Some(path), _) => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            (None, title) if !title.is_empty() => title.clone(),
+            _ => "Untitled figure".to_owned(),
+        }
+    }
+
+    /// The folder that its relative file names count from.
+    pub fn folder(&self) -> &Path {
+        self.path.as_deref().and_then(Path::parent).unwrap_or(Path::new(""))
+    }
+
+    /// The volumes of all slots, if none is missing.
+    pub fn volumes(&self) -> Option<Vec<Arc<Volume>>> {
+        self.document.figure().volumes.iter().map(|slot| self.volume_of(slot).cloned()).collect()
+    }
+
+    /// The first slot whose volume was not read.
+    pub fn missing(&self) -> Option<usize> {
+        self.document.figure().volumes.iter().position(|slot| self.volume_of(slot).is_none())
+    }
+
+    fn volume_of(&self, slot: &VolumeSlot) -> Option<&Arc<Volume>> {
+        let same = |a: &VolumeSlot| a.file == slot.file && a.frame == slot.frame && a.raw == slot.raw;
+        self.volumes.iter().find(|(read, _)| same(read)).map(|(_, volume)| volume)
+    }
+
+    /// Keeps a volume for a slot.
+    pub fn keep_volume(&mut self, slot: VolumeSlot, volume: Arc<Volume>) {
+        self.volumes.push((slot, volume));
+        self.scene = None;
+    }
+
+    /// The slots change their files' names, in the past as well: the figure is saved elsewhere.
+    pub fn rename_files(&mut self, rename: impl Fn(&mut VolumeSlot)) {
+        self.document.map_all(|figure| figure.volumes.iter_mut().for_each(&rename));
+        self.volumes.iter_mut().for_each(|(slot, _)| rename(slot));
+    }
+
+    /// The object that is chosen.
+    pub fn chosen(&self) -> Option<&ObjectTemplate> {
+        self.document.figure().objects.get(self.object)
+    }
+
+    /// Its volume.
+    pub fn chosen_volume(&self) -> Option<&Arc<Volume>> {
+        let figure = self.document.figure();
+        let name = &self.chosen()?.volume;
+        self.volume_of(figure.volumes.iter().find(|v| v.name == *name)?)
+    }
+
+    /// The scene that the figure is just now; `None` where it has no meaning, or a volume is missing.
+    pub fn scene(&mut self, styles: &StyleLibrary) -> Option<Arc<Scene>> {
+        let figure = self.document.figure();
+        if self.scene.as_ref().is_none_or(|(of, _)| !Arc::ptr_eq(of, figure)) {
+            let scene = self
+                .volumes()
+                .and_then(|volumes| bridge::scene(figure, &volumes, styles, &Progress::new()).ok())
+                .map(|(scene, _)| Arc::new(scene));
+            self.scene = Some((figure.clone(), scene));
+        }
+        self.scene.as_ref().and_then(|(_, scene)| scene.clone())
+    }
+
+    /// Makes an edit: a step of its own, or a part of the gesture under way.
+    pub fn edit(&mut self, command: Command) {
+        if let Err(error) = self.document.apply(command) {
+            self.fault = Some(format!("{error:#}"));
+        }
+        let num_nodes = self.chosen().map_or(0, |o| o.transfer_function.nodes.len());
+        self.node = self.node.filter(|n| *n < num_nodes);
+    }
+
+    /// Follows a widget whose value may be dragged: one drag is one step, and what is typed is one, too. `command` is the edit
+    /// that its value asks for, if it changed.
+    pub fn edit_by(&mut self, response: &Response, command: Option<Command>) {
+        if response.drag_started() {
+            self.document.begin();
+        }
+        // After Escape the hand may still drag: the gesture is over all the same.
+        if let Some(command) = command
+            && (!response.dragged() || self.document.in_gesture())
+        {
+            self.edit(command);
+        }
+        if response.drag_stopped() {
+            self.document.commit();
+        }
+    }
+}

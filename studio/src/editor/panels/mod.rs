@@ -1,0 +1,8 @@
+//! The panels: each shows a part of the open figure and edits it through commands.
+
+pub mod history;
+pub mod objects;
+pub mod properties;
+pub mod start_page;
+pub mod styles;
+pub mod transfer_function;

@@ -1,0 +1,97 @@
+//! The list of objects: what is drawn, under which name. This version has one of them.
+
+use eframe::egui::{self, Key, Role, Sense, Ui, Vec2, WidgetInfo};
+
+use super::super::gallery::Gallery;
+use super::super::open_figure::OpenFigure;
+use super::super::theme;
+use crate::figure::Command;
+
+/// The panel. `renaming` is the object whose name is typed, with what is typed so far.
+pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, renaming: &mut Option<(usize, String)>) {
+    ui.label(theme::heading("Objects"));
+    let objects = open.document.figure().objects.clone();
+    for (i, object) in objects.iter().enumerate() {
+        let tokens = theme::tokens(ui.ctx());
+        let fill = if i == open.object { tokens.selected } else { tokens.panel };
+        egui::Frame::new().fill(fill).corner_radius(4).inner_margin(4).show(ui, |ui| {
+            ui.horizontal(|ui| {
+                eye(ui, open, i, object.visible);
+                let style = object
+                    .transfer_function
+                    .nodes
+                    .iter()
+                    .max_by(|a, b| a.opacity.total_cmp(&b.opacity))
+                    .map_or("clay", |n| n.style.as_str());
+                let (rect, _) = ui.allocate_exact_size(Vec2::splat(22.0), Sense::hover());
+                gallery.paint(ui.painter(), rect.center(), 10.0, style);
+                name(ui, open, i, object.title(), object.visible, renaming);
+            });
+        });
+    }
+}
+
+fn eye(ui: &mut Ui, open: &mut OpenFigure, object: usize, visible: bool) {
+    let (rect, response) = ui.allocate_exact_size(Vec2::splat(24.0), Sense::click());
+    let label = if visible { "Hide object" } else { "Show object" };
+    response.widget_info(|| WidgetInfo::selected(Role::CheckBox, true, visible, label));
+    let tokens = theme::tokens(ui.ctx());
+    let color = if visible { tokens.text } else { tokens.dim };
+    let stroke = egui::Stroke::new(1.5, color);
+    let painter = ui.painter();
+    // An eye: two arcs and a pupil; struck through where it is closed.
+    let c = rect.center();
+    let arc = |sign: f32| {
+        let points: Vec<_> = (0..=12)
+            .map(|i| i as f32 / 6.0 - 1.0)
+            .map(|t| c + Vec2::new(8.0 * t, sign * 5.0 * (1.0 - t * t)))
+            .collect();
+        egui::epaint::PathShape::line(points, stroke)
+    };
+    painter.add(arc(1.0));
+    painter.add(arc(-1.0));
+    if visible {
+        painter.circle_filled(c, 2.5, color);
+    } else {
+        painter.line_segment([c + Vec2::new(-7.0, 6.0), c + Vec2::new(7.0, -6.0)], stroke);
+    }
+    if response.on_hover_text(format!("{label} (H)")).clicked() {
+        open.edit(Command::SetVisible { object, visible: !visible });
+    }
+}
+
+fn name(
+    ui: &mut Ui,
+    open: &mut OpenFigure,
+    object: usize,
+    title: &str,
+    visible: bool,
+    renaming: &mut Option<(usize, String)>,
+) {
+    if let Some((_, text)) = renaming.as_mut().filter(|(which, _)| *which == object) {
+        let field =
+            ui.add(egui::TextEdit::singleline(text).desired_width(f32::INFINITY)).accessible_name("Object name");
+        if !field.has_focus() && !field.lost_focus() {
+            field.request_focus();
+        }
+        if ui.input(|i| i.key_pressed(Key::Escape)) {
+            *renaming = None;
+        } else if field.lost_focus() {
+            let name = text.trim().to_owned();
+            *renaming = None;
+            open.edit(Command::SetName { object, name });
+        }
+        return;
+    }
+    let text = egui::RichText::new(title);
+    let text = if visible { text } else { text.color(theme::tokens(ui.ctx()).dim) };
+    let width = ui.available_width();
+    let label = egui::Button::new(text).frame(false).right_text("").min_size(Vec2::new(width, 22.0)).truncate();
+    let response = ui.add(label).on_hover_text("Double-click or F2: rename");
+    if response.clicked() {
+        open.object = object;
+    }
+    if response.double_clicked() {
+        *renaming = Some((object, title.to_owned()));
+    }
+}

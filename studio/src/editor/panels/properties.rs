@@ -1,0 +1,287 @@
+//! The properties of the chosen object, of the page and of the view: a row each, a number with its unit always.
+
+use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Response, Ui, WidgetText};
+use fabrica_engine::volume::{Modality, Volume};
+
+use super::super::open_figure::OpenFigure;
+use super::super::theme;
+use crate::figure::Command;
+use crate::figure::template::{Background, Page, ProjectionName, QualityName};
+
+/// Width of the labels.
+const LABEL: f32 = 104.0;
+const MM_PER_INCH: f64 = 25.4;
+
+/// A number as people type it: with a unit, with a decimal comma, with signs of sums and products ("2*3 mm").
+pub fn parse_number(text: &str) -> Option<f64> {
+    let text = text.replace(['\u{2212}', '–'], "-").replace(',', ".");
+    let text: String = text.chars().filter(|c| "0123456789.+-*/eE ".contains(*c)).collect();
+    let text = text.trim().trim_end_matches(['e', 'E', ' ']);
+    if let Ok(number) = text.parse::<f64>() {
+        return Some(number).filter(|n| n.is_finite());
+    }
+    sum(&text.replace(' ', ""))
+}
+
+fn sum(text: &str) -> Option<f64> {
+    // The last sign that is between two terms, not the first's own and not an exponent's.
+    let sign = text.char_indices().rev().find(|(i, c)| {
+        let before = text[..*i].chars().next_back();
+        matches!(c, '+' | '-') && before.is_some_and(|b| b.is_ascii_digit() || b == '.')
+    });
+    let number = match sign {
+        Some((i, '+')) => sum(&text[..i])? + product(&text[i + 1..])?,
+        Some((i, _)) => sum(&text[..i])? - product(&text[i + 1..])?,
+        None => product(text)?,
+    };
+    Some(number).filter(|n| n.is_finite())
+}
+
+fn product(text: &str) -> Option<f64> {
+    match text.rfind(['*', '/']) {
+        Some(i) if text[i..].starts_with('*') => Some(product(&text[..i])? * text[i + 1..].parse::<f64>().ok()?),
+        Some(i) => Some(product(&text[..i])? / text[i + 1..].parse::<f64>().ok()?),
+        None => text.parse().ok(),
+    }
+}
+
+/// A number with at most three decimals, and none that say nothing.
+pub fn shorter(number: f64) -> String {
+    let text = format!("{number:.3}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+fn row<R>(ui: &mut Ui, label: &str, tooltip: &str, add: impl FnOnce(&mut Ui, &str) -> R) -> R {
+    ui.horizontal(|ui| {
+        let text = egui::Label::new(theme::small(ui.ctx(), label)).truncate();
+        let rect = ui.allocate_ui_with_layout(
+            egui::Vec2::new(LABEL, theme::ROW),
+            egui::Layout::left_to_right(egui::Align::Center),
+            |ui| {
+                ui.set_min_width(LABEL);
+                ui.add(text).on_hover_text(tooltip);
+            },
+        );
+        let _ = rect;
+        add(ui, label)
+    })
+    .inner
+}
+
+/// A number that can be dragged and typed.
+fn number(ui: &mut Ui, label: &str, tooltip: &str, value: &mut f64, suffix: &str, speed: f64) -> Response {
+    row(ui, label, tooltip, |ui, label| {
+        let field = DragValue::new(value).speed(speed).suffix(suffix).max_decimals(3).update_while_editing(false);
+        ui.add(field.custom_parser(parse_number)).accessible_name(label).on_hover_text(tooltip)
+    })
+}
+
+fn section(ui: &mut Ui, title: &str, open: bool, add: impl FnOnce(&mut Ui)) {
+    CollapsingHeader::new(WidgetText::from(theme::heading(title))).default_open(open).show_unindented(ui, add);
+}
+
+/// The panel; the button for another volume was pressed if it says so.
+pub fn show(ui: &mut Ui, open: &mut OpenFigure) -> bool {
+    let mut wants_volume = false;
+    section(ui, "Appearance", true, |ui| appearance(ui, open));
+    section(ui, "Figure", true, |ui| page(ui, open));
+    section(ui, "View", false, |ui| view(ui, open));
+    section(ui, "Source", true, |ui| wants_volume = source(ui, open));
+    wants_volume
+}
+
+fn appearance(ui: &mut Ui, open: &mut OpenFigure) {
+    let Some(object) = open.chosen().cloned() else { return };
+    let voxel = open.chosen_volume().map_or(1.0, |v| v.grid.spacing_mm().min_element());
+    let index = open.object;
+    let function = &object.transfer_function;
+    let mut length = function.reference_length_mm.unwrap_or(voxel);
+    let tooltip =
+        "The length of material that the opacities are stated for. Longer: the figure becomes more transparent";
+    let response = number(ui, "Opacity is per", tooltip, &mut length, " mm", 0.01 * voxel);
+    let longest = Command::SetReferenceLength { object: index, length_mm: Some(length.max(1e-6)) };
+    open.edit_by(&response, response.changed().then_some(longest));
+    reset(ui, function.reference_length_mm.is_some(), "Reset to one voxel", &response)
+        .then(|| open.edit(Command::SetReferenceLength { object: index, length_mm: None }));
+    let mut scale = object.gradient_scale_mm.unwrap_or(voxel);
+    let tooltip = "How far the shading is smoothed: more for noisy or coarse scans. 0: not at all";
+    let response = number(ui, "Smooth shading", tooltip, &mut scale, " mm", 0.01 * voxel);
+    let smoothed = Command::SetGradientScale { object: index, scale_mm: Some(scale.max(0.0)) };
+    open.edit_by(&response, response.changed().then_some(smoothed));
+    reset(ui, object.gradient_scale_mm.is_some(), "Reset to one voxel", &response)
+        .then(|| open.edit(Command::SetGradientScale { object: index, scale_mm: None }));
+}
+
+/// In the field's context menu, where a double click would begin to type.
+fn reset(_: &mut Ui, is_set: bool, text: &str, response: &Response) -> bool {
+    let mut wanted = false;
+    response.context_menu(|ui| {
+        if ui.add_enabled(is_set, egui::Button::new(text)).clicked() {
+            wanted = true;
+            ui.close();
+        }
+    });
+    wanted
+}
+
+fn page(ui: &mut Ui, open: &mut OpenFigure) {
+    let figure = open.document.figure().clone();
+    let page = &figure.figure;
+    let mut title = figure.title.clone();
+    let response = row(ui, "Title", "What the figure shows", |ui, label| {
+        ui.add(egui::TextEdit::singleline(&mut title).desired_width(f32::INFINITY)).accessible_name(label)
+    });
+    // What is typed in one go is one step.
+    if response.gained_focus() {
+        open.document.begin();
+    }
+    if response.changed() && open.document.in_gesture() {
+        open.edit(Command::SetTitle(title));
+    }
+    if response.lost_focus() {
+        open.document.commit();
+    }
+    let (mut width, mut height, mut dpi) = (page.width_mm, page.height_mm, page.dpi);
+    let fields = [
+        ("Width", "Width on the page", &mut width, " mm", 0.5),
+        ("Height", "Height on the page", &mut height, " mm", 0.5),
+        ("Resolution", "Pixels per inch of an export", &mut dpi, " dpi", 1.0),
+    ];
+    let mut changed = None;
+    for (label, tooltip, value, suffix, speed) in fields {
+        let response = number(ui, label, tooltip, value, suffix, speed);
+        *value = value.clamp(1.0, 10_000.0);
+        if response.changed() || response.drag_started() || response.drag_stopped() {
+            changed = Some(response);
+        }
+    }
+    if let Some(response) = changed {
+        let page = Page { width_mm: width, height_mm: height, dpi, ..page.clone() };
+        open.edit_by(&response, response.changed().then_some(Command::SetPage(page)));
+    }
+    let pixels = [page.width_mm, page.height_mm].map(|mm| (mm / MM_PER_INCH * page.dpi).round());
+    ui.label(theme::small(ui.ctx(), format!("{} x {} pixels when exported", pixels[0], pixels[1])));
+    background(ui, open, figure.background);
+    row(ui, "Quality", "What is traded between speed and accuracy, here and in exports", |ui, label| {
+        let names = [QualityName::Draft, QualityName::Standard, QualityName::Final];
+        let text = |q: QualityName| match q {
+            QualityName::Draft => "Draft",
+            QualityName::Standard => "Standard",
+            QualityName::Final => "Final",
+        };
+        let combo = ComboBox::from_id_salt("quality").selected_text(text(figure.quality)).show_ui(ui, |ui| {
+            for name in names {
+                if ui.selectable_label(name == figure.quality, text(name)).clicked() {
+                    open.edit(Command::SetQuality(name));
+                }
+            }
+        });
+        combo.response.accessible_name(label)
+    });
+}
+
+fn background(ui: &mut Ui, open: &mut OpenFigure, background: Background) {
+    row(ui, "Background", "What lies behind: nothing, or a color", |ui, label| {
+        let mut transparent = background == Background::Transparent;
+        if ui.checkbox(&mut transparent, "Transparent").changed() {
+            let other = if transparent { Background::Transparent } else { Background::Color([255; 3]) };
+            open.edit(Command::SetBackground(other));
+        }
+        if let Background::Color(mut rgb) = background {
+            let response = ui.color_edit_button_srgb(&mut rgb).accessible_name(format!("{label} color"));
+            // The picker stays open while one looks for the color: what is found in one go is one step.
+            if response.changed() {
+                open.edit(Command::SetBackground(Background::Color(rgb)));
+            }
+        }
+    });
+}
+
+fn view(ui: &mut Ui, open: &mut OpenFigure) {
+    let camera = open.document.figure().camera.clone();
+    row(ui, "Projection", "Parallel lines meet, or stay parallel", |ui, _| {
+        let names = [(ProjectionName::Perspective, "Perspective"), (ProjectionName::Orthographic, "Parallel")];
+        for (name, text) in names {
+            if ui.selectable_label(camera.projection == name, text).clicked() {
+                open.edit(Command::SetProjection(name));
+            }
+        }
+    });
+    if camera.projection == ProjectionName::Perspective {
+        let mut fov = camera.fov_deg;
+        let tooltip = "Vertical angle of view: small for a distant, calm view, large for a near one";
+        let response = number(ui, "Field of view", tooltip, &mut fov, "°", 0.2);
+        let camera = crate::figure::template::CameraTemplate { fov_deg: fov.clamp(1.0, 120.0), ..camera.clone() };
+        open.edit_by(&response, response.changed().then_some(Command::SetCamera(camera)));
+    }
+    let mut height = camera.height;
+    let tooltip = "What the figure shows from bottom to top, in radii of the sphere around the object";
+    let response = number(ui, "Shown height", tooltip, &mut height, " radii", 0.01);
+    let camera = crate::figure::template::CameraTemplate { height: height.clamp(0.01, 50.0), ..camera };
+    open.edit_by(&response, response.changed().then_some(Command::SetCamera(camera)));
+}
+
+fn source(ui: &mut Ui, open: &OpenFigure) -> bool {
+    let figure = open.document.figure();
+    let slot = open.chosen().and_then(|o| figure.volumes.iter().find(|v| v.name == o.volume));
+    if let Some(slot) = slot {
+        let name = std::path::Path::new(&slot.file).file_name().unwrap_or_default().to_string_lossy().into_owned();
+        ui.add(egui::Label::new(name).truncate()).on_hover_text(&slot.file);
+    }
+    match open.chosen_volume() {
+        Some(volume) => {
+            for line in description(volume) {
+                ui.label(theme::small(ui.ctx(), line));
+            }
+        }
+        None => {
+            ui.label(theme::small(ui.ctx(), "The volume was not found."));
+        }
+    }
+    ui.button("Replace volume…").on_hover_text("Dresses another volume in this figure's look").clicked()
+}
+
+fn description(volume: &Volume) -> Vec<String> {
+    let [x, y, z] = volume.grid.dims();
+    let mm = volume.grid.spacing_mm();
+    let mut lines = vec![
+        format!("{x} x {y} x {z} voxels"),
+        format!("of {} x {} x {} mm", shorter(mm.x), shorter(mm.y), shorter(mm.z)),
+        format!("{}, {}, {:.0} MB", volume.format, volume.voxels.type_name(), volume.num_bytes() as f64 / 1e6),
+    ];
+    if let Some(s) = volume.known_statistics() {
+        let (kind, unit) = match volume.modality {
+            Modality::Ct => ("CT, ", " HU"),
+            Modality::Mr => ("MR, ", ""),
+            Modality::Unknown => ("", ""),
+        };
+        lines.push(format!("{kind}values {} to {}{unit}", shorter(s.min), shorter(s.max)));
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_read_as_people_type_them() {
+        for (text, number) in [
+            ("12", 12.0),
+            ("12,5 mm", 12.5),
+            ("\u{2212}160 HU", -160.0),
+            ("2*3 mm", 6.0),
+            ("173/2", 86.5),
+            ("100-7+1", 94.0),
+            ("1e-3", 1e-3),
+            ("-5--2", -3.0),
+            (" 96 % ", 96.0),
+        ] {
+            assert_eq!(parse_number(text), Some(number), "{text}");
+        }
+        assert_eq!([173.0, 86.7, 0.968_75, -1000.0].map(shorter), ["173", "86.7", "0.969", "-1000"]);
+        for text in ["", "mm", "1//2", "1/0", "*", "1e999"] {
+            assert_eq!(parse_number(text), None, "{text}");
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! The gallery: every style as a sphere, to be dragged onto a node, a material or the picture itself.
+
+use eframe::egui::{self, Align2, FontId, Id, LayerId, Order, Pos2, Role, ScrollArea, Sense, Ui, Vec2, WidgetInfo};
+
+use super::super::gallery::{DraggedStyle, Gallery};
+use super::super::open_figure::OpenFigure;
+use super::super::theme;
+use crate::figure::Command;
+
+/// A cell: a sphere with its name below.
+const CELL: Vec2 = Vec2::new(66.0, 62.0);
+const SPHERE: f32 = 19.0;
+
+/// The panel. `search` is what is typed into its field.
+pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut String) {
+    ui.horizontal(|ui| {
+        ui.label(theme::heading("Styles"));
+        let field = egui::TextEdit::singleline(search).hint_text("Find a style").desired_width(f32::INFINITY);
+        ui.add(field).accessible_name("Find a style");
+    });
+    let wanted = search.to_lowercase();
+    let nodes = open.chosen().map_or(&[][..], |o| &o.transfer_function.nodes);
+    let mut used: Vec<String> = Vec::new();
+    for node in nodes {
+        if !used.contains(&node.style) {
+            used.push(node.style.clone());
+        }
+    }
+    let library = gallery.library().clone();
+    let found = |name: &str| {
+        let info = library.info(name).ok()?;
+        let words = format!("{} {} {}", info.title, info.tags.join(" "), info.description).to_lowercase();
+        wanted.split_whitespace().all(|w| words.contains(w)).then_some(())
+    };
+    ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        let groups = [
+            ("In this figure", used.iter().map(String::as_str).filter(|n| found(n).is_some()).collect::<Vec<_>>()),
+            ("All styles", library.infos().map(|i| i.name.as_str()).filter(|n| found(n).is_some()).collect()),
+        ];
+        for (title, names) in groups.into_iter().filter(|(_, names)| !names.is_empty()) {
+            ui.label(theme::small(ui.ctx(), title));
+            let columns = ((ui.available_width() / CELL.x) as usize).max(1);
+            for row in names.chunks(columns) {
+                ui.horizontal(|ui| {
+                    ui.spacing_mut().item_spacing.x = 0.0;
+                    for name in row {
+                        cell(ui, open, gallery, title, name);
+                    }
+                });
+            }
+        }
+        if wanted.is_empty() {
+            return;
+        }
+        if library.infos().all(|i| found(&i.name).is_none()) {
+            ui.label(theme::small(ui.ctx(), "No style has these words."));
+        }
+    });
+}
+
+fn cell(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, group: &str, name: &str) {
+    let (rect, _) = ui.allocate_exact_size(CELL, Sense::hover());
+    let response = ui.interact(rect, Id::unique(("style", group, name)), Sense::click_and_drag());
+    let title = gallery.title(name).to_owned();
+    response.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Style {title}")));
+    response.dnd_set_drag_payload(DraggedStyle(name.to_owned()));
+    if response.clicked()
+        && let Some(node) = open.node
+    {
+        let command = Command::SetStyle { object: open.object, nodes: node..node + 1, style: name.to_owned() };
+        open.edit(command);
+    }
+    let tokens = theme::tokens(ui.ctx());
+    let center = Pos2::new(rect.center().x, rect.top() + SPHERE + 3.0);
+    gallery.paint(ui.painter(), center, SPHERE, name);
+    if response.hovered() {
+        ui.painter().circle_stroke(center, SPHERE + 1.5, egui::Stroke::new(2.0, tokens.accent));
+    }
+    let font = FontId::proportional(11.0);
+    let text = short(&title, 11);
+    ui.painter().text(Pos2::new(center.x, rect.bottom() - 4.0), Align2::CENTER_BOTTOM, text, font, tokens.dim);
+    if response.dragged()
+        && let Some(pointer) = ui.input(|i| i.pointer.latest_pos())
+    {
+        let painter = ui.ctx().layer_painter(LayerId::new(Order::Tooltip, Id::unique("dragged style")));
+        gallery.paint(&painter, pointer + Vec2::new(10.0, 10.0), SPHERE, name);
+    } else {
+        let described = gallery.library().info(name).map_or(String::new(), |i| i.description.clone());
+        let how = if open.node.is_some() { "Click dresses the chosen node; or drag it" } else { "Drag it" };
+        response.on_hover_text(format!("{title}. {described}\n{how} onto a node, a sphere or the picture."));
+    }
+}
+
+fn short(text: &str, most: usize) -> String {
+    if text.chars().count() <= most {
+        return text.to_owned();
+    }
+    text.chars().take(most - 1).chain(['…']).collect()
+}

@@ -1,0 +1,752 @@
+//! The transfer function as a picture that is worked on: the histogram of the values, the curve of the opacity, its nodes,
+//! and below them the spheres of their styles. Successive nodes of one style are one material, with one sphere.
+
+use std::ops::Range;
+
+use eframe::egui::epaint::{Mesh, PathShape};
+use eframe::egui::{
+    self, Align2, Color32, ComboBox, CursorIcon, DragValue, FontId, Key, Modifiers, Pos2, Rect, Response, Role, Sense,
+    Stroke, Ui, Vec2, WidgetInfo,
+};
+use fabrica_engine::volume::statistics::Statistics;
+use fabrica_engine::volume::{Modality, Volume};
+
+use super::super::gallery::{DraggedStyle, Gallery};
+use super::super::open_figure::OpenFigure;
+use super::super::theme::{self, Tokens};
+use crate::figure::Command;
+use crate::figure::template::{Domain, NodeTemplate, TransferFunctionTemplate};
+
+/// How the panel is looked at; no part of the figure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FunctionView {
+    /// Whether the histogram's counts are shown as their logarithms.
+    pub logarithmic: bool,
+    /// The values at the plot's left and right; `None`: all that matter.
+    pub range: Option<(f64, f64)>,
+    /// The value that the pointer is on in the picture, or that was asked about.
+    pub marked: Option<f64>,
+    /// A node that is dragged: value and opacity before they are rounded, and where the pointer was.
+    dragged: Option<(f64, f64, Pos2)>,
+}
+
+impl Default for FunctionView {
+    fn default() -> Self {
+        Self { logarithmic: true, range: None, marked: None, dragged: None }
+    }
+}
+
+impl FunctionView {
+    /// Another figure is open: what was looked at in the last one is none of its business.
+    pub fn forget_figure(&mut self) {
+        *self = Self { logarithmic: self.logarithmic, ..Self::default() };
+    }
+}
+
+/// Radius of a node's dot, and how near a press must come.
+const DOT: f32 = 5.5;
+const GRAB: f32 = 10.0;
+/// Radius of a material's sphere.
+const SPHERE: f32 = 14.0;
+/// What Shift leaves of a drag.
+const FINE: f64 = 0.1;
+
+/// Between a node's position, as its domain counts it, and data values.
+#[derive(Clone, Copy)]
+pub struct Positions<'a> {
+    domain: Domain,
+    statistics: Option<&'a Statistics>,
+}
+
+impl<'a> Positions<'a> {
+    /// Of a transfer function on a volume, if it is there.
+    pub fn new(function: &TransferFunctionTemplate, statistics: Option<&'a Statistics>) -> Self {
+        Self { domain: function.domain, statistics }
+    }
+
+    /// The data value at a position (the position itself where nothing is known of the volume).
+    pub fn value(self, at: f64) -> f64 {
+        match (self.domain, self.statistics) {
+            (Domain::Percentile, Some(statistics)) => statistics.percentile_above_background(at),
+            _ => at,
+        }
+    }
+
+    /// The position of a data value, rounded to what `resolution` (in data values) can tell apart.
+    pub fn at(self, value: f64, resolution: f64) -> f64 {
+        match (self.domain, self.statistics) {
+            (Domain::Percentile, Some(statistics)) => round_to(statistics.percentile_of(value), 0.01),
+            (Domain::Percentile, None) => round_to(value.clamp(0.0, 100.0), 0.01),
+            (Domain::Data, _) => round_to(value, resolution),
+        }
+    }
+
+    fn unit(self, volume: Option<&Volume>) -> &'static str {
+        match (self.domain, volume.map(|v| v.modality)) {
+            (Domain::Percentile, _) => " %",
+            (Domain::Data, Some(Modality::Ct)) => " HU",
+            _ => "",
+        }
+    }
+}
+
+/// To a multiple of the power of ten at or below `resolution`.
+fn round_to(value: f64, resolution: f64) -> f64 {
+    if !(resolution.is_finite() && resolution > 0.0) {
+        return value;
+    }
+    let digits = -resolution.log10().floor();
+    // A power of ten with a positive exponent is exact, its inverse is not.
+    if digits >= 0.0 {
+        let scale = 10f64.powf(digits.min(15.0));
+        (value * scale).round() / scale
+    } else {
+        let scale = 10f64.powf(-digits);
+        (value / scale).round() * scale
+    }
+}
+
+/// Where values and opacities lie on the screen.
+#[derive(Clone, Copy)]
+struct Plot {
+    rect: Rect,
+    low: f64,
+    high: f64,
+}
+
+impl Plot {
+    fn x(self, value: f64) -> f32 {
+        let share = (value - self.low) / (self.high - self.low);
+        // Far outside is just outside: the painter shall not meet numbers that f32 cannot hold.
+        self.rect.left() + share.clamp(-10.0, 11.0) as f32 * self.rect.width()
+    }
+
+    fn value(self, x: f32) -> f64 {
+        self.low + f64::from((x - self.rect.left()) / self.rect.width()) * (self.high - self.low)
+    }
+
+    fn y(self, opacity: f64) -> f32 {
+        self.rect.bottom() - opacity as f32 * self.rect.height()
+    }
+
+    fn opacity(self, y: f32) -> f64 {
+        f64::from((self.rect.bottom() - y) / self.rect.height()).clamp(0.0, 1.0)
+    }
+
+    /// Data values of a pixel.
+    fn resolution(self) -> f64 {
+        (self.high - self.low) / f64::from(self.rect.width().max(1.0))
+    }
+
+    fn spans(self, x: f32) -> bool {
+        (self.rect.left() - 1.0..=self.rect.right() + 1.0).contains(&x)
+    }
+}
+
+/// The values that matter: the volume's, without the far ends that hardly a voxel has, and all nodes.
+fn whole_range(values: &[f64], volume: Option<(&Volume, &Statistics)>) -> (f64, f64) {
+    let nodes = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
+    let (mut low, mut high) = match volume {
+        Some((volume, s)) if volume.modality == Modality::Ct => (s.min.max(-1050.0), s.max.min(2000.0)),
+        Some((_, s)) => (s.min, s.percentile(99.99).max(s.percentile_above_background(99.0))),
+        None => nodes,
+    };
+    (low, high) = (low.min(nodes.0), high.max(nodes.1));
+    let margin = 0.03 * (high - low);
+    if margin > 0.0 && margin.is_finite() { (low - margin, high + margin) } else { (low - 1.0, low + 1.0) }
+}
+
+/// The opacity that the curve has at a value.
+fn opacity_at(values: &[f64], nodes: &[NodeTemplate], value: f64) -> f64 {
+    let above = values.partition_point(|v| *v <= value);
+    match (above.checked_sub(1), values.get(above)) {
+        (None, _) => nodes.first().map_or(0.0, |n| n.opacity),
+        (Some(below), None) => nodes[below].opacity,
+        (Some(below), Some(next)) => {
+            let share = (value - values[below]) / (next - values[below]);
+            nodes[below].opacity + share * (nodes[above].opacity - nodes[below].opacity)
+        }
+    }
+}
+
+/// A node on the curve at a value, in the style that is nearest there.
+fn node_on_curve(
+    positions: Positions<'_>,
+    function: &TransferFunctionTemplate,
+    value: f64,
+    resolution: f64,
+) -> NodeTemplate {
+    let values: Vec<f64> = function.nodes.iter().map(|n| positions.value(n.at)).collect();
+    let nearest = (0..values.len()).min_by(|a, b| (values[*a] - value).abs().total_cmp(&(values[*b] - value).abs()));
+    NodeTemplate {
+        at: positions.at(value, resolution),
+        style: nearest.map_or_else(|| "clay".to_owned(), |i| function.nodes[i].style.clone()),
+        opacity: round_to(opacity_at(&values, &function.nodes, value), 0.01).clamp(0.0, 1.0),
+        extra: serde_json::Map::new(),
+    }
+}
+
+/// Puts a node into the curve of the chosen object at a data value, and chooses it. Without a style and an opacity of its own
+/// it changes nothing of the picture.
+pub fn insert_node(open: &mut OpenFigure, value: f64, resolution: f64, style: Option<String>, opacity: Option<f64>) {
+    let Some(object) = open.chosen() else { return };
+    let statistics = statistics_of(open.chosen_volume().map(|v| &**v));
+    let function = &object.transfer_function;
+    let mut node = node_on_curve(Positions::new(function, statistics), function, value, resolution);
+    if let Some(style) = style {
+        node.style = style;
+    }
+    if let Some(opacity) = opacity {
+        node.opacity = round_to(opacity, 0.01);
+    }
+    let place = function.nodes.partition_point(|n| n.at <= node.at);
+    open.edit(Command::InsertNode { object: open.object, node });
+    if open.fault.is_none() {
+        open.node = Some(place);
+    }
+}
+
+/// Puts a node half way from the chosen one to the next (beyond the last: as far on as the range is wide, a tenth of it).
+pub fn insert_after_chosen(open: &mut OpenFigure) {
+    let (Some(object), Some(number)) = (open.chosen(), open.node) else { return };
+    let positions = Positions::new(&object.transfer_function, statistics_of(open.chosen_volume().map(|v| &**v)));
+    let values: Vec<f64> = object.transfer_function.nodes.iter().map(|n| positions.value(n.at)).collect();
+    let width = (values[values.len() - 1] - values[0]).max(1.0);
+    let value = values.get(number + 1).map_or(values[number] + 0.1 * width, |next| 0.5 * (values[number] + next));
+    insert_node(open, value, 1e-3 * width, None, None);
+}
+
+/// Successive nodes of one style.
+pub fn materials(nodes: &[NodeTemplate]) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    for (i, node) in nodes.iter().enumerate() {
+        match runs.last_mut() {
+            Some(run) if nodes[run.start].style == node.style => run.end = i + 1,
+            _ => runs.push(i..i + 1),
+        }
+    }
+    runs
+}
+
+/// What is known of a volume's values; counted when it was loaded.
+pub fn statistics_of(volume: Option<&Volume>) -> Option<&Statistics> {
+    volume.and_then(|v| v.known_statistics())
+}
+
+/// The panel.
+pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut FunctionView) {
+    let Some(object) = open.chosen().cloned() else {
+        ui.label("The figure has no object.");
+        return;
+    };
+    let volume = open.chosen_volume().cloned();
+    let volume = volume.as_deref();
+    let statistics = statistics_of(volume);
+    let function = &object.transfer_function;
+    let positions = Positions::new(function, statistics);
+    header(ui, open, gallery, view, positions, volume);
+
+    let tokens = theme::tokens(ui.ctx());
+    let area = ui.available_rect_before_wrap();
+    let spheres_height = 2.0 * SPHERE + 8.0;
+    let rect = Rect::from_min_max(area.min + Vec2::new(8.0, 4.0), area.max - Vec2::new(8.0, spheres_height + 16.0));
+    if rect.height() < 24.0 || rect.width() < 60.0 {
+        return;
+    }
+    let values: Vec<f64> = function.nodes.iter().map(|n| positions.value(n.at)).collect();
+    let (low, high) = view.range.unwrap_or_else(|| whole_range(&values, volume.zip(statistics)));
+    let plot = Plot { rect, low, high };
+
+    let response = ui.allocate_rect(area, Sense::click_and_drag());
+    response.widget_info(|| WidgetInfo::labeled(Role::Canvas, true, "Transfer function"));
+    look_around(ui, &response, plot, view);
+    if response.double_clicked()
+        && let Some(at) = response.interact_pointer_pos().filter(|p| rect.contains(*p))
+    {
+        insert_node(open, plot.value(at.x), plot.resolution(), None, Some(plot.opacity(at.y)));
+    } else if response.clicked() {
+        open.node = None;
+    }
+
+    let painter = ui.painter_at(area);
+    painter.rect_filled(rect, 2.0, tokens.field);
+    if let Some(statistics) = statistics {
+        paint_histogram(&painter, plot, statistics, view.logarithmic, tokens);
+    }
+    paint_tints(&painter, plot, &values, &function.nodes, gallery);
+    paint_axis(&painter, plot, volume, tokens);
+    paint_curve(&painter, plot, &values, &function.nodes, tokens);
+    if let Some(marked) = view.marked.map(|v| plot.x(v)).filter(|x| plot.spans(*x)) {
+        painter.vline(marked, rect.y_range(), Stroke::new(1.5, tokens.warning));
+        let top = Pos2::new(marked, rect.top());
+        let triangle = vec![top, top + Vec2::new(-5.0, -7.0), top + Vec2::new(5.0, -7.0)];
+        ui.painter().add(PathShape::convex_polygon(triangle, tokens.warning, Stroke::NONE));
+    }
+    nodes(ui, open, plot, positions, &values, &function.nodes, volume, view);
+    let spheres = place_spheres(plot, &values, &function.nodes);
+    material_spheres(ui, open, gallery, &function.nodes, &spheres, rect.bottom() + 16.0 + SPHERE);
+    drop_style(ui, open, &response, plot, &values, &function.nodes, &spheres);
+}
+
+/// Title, node fields, scale.
+fn header(
+    ui: &mut Ui,
+    open: &mut OpenFigure,
+    gallery: &Gallery,
+    view: &mut FunctionView,
+    positions: Positions<'_>,
+    volume: Option<&Volume>,
+) {
+    ui.horizontal(|ui| {
+        ui.label(theme::heading("Transfer function"));
+        let nodes = open.chosen().map_or_else(Vec::new, |o| o.transfer_function.nodes.clone());
+        match open.node.and_then(|n| Some((n, nodes.get(n)?))) {
+            Some((number, node)) => node_fields(ui, open, gallery, positions, volume, number, node, nodes.len()),
+            None => {
+                ui.label(theme::small(
+                    ui.ctx(),
+                    "Double-click adds a node, drag moves it, drop a style on a sphere or between",
+                ));
+            }
+        }
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            if view.range.is_some() && ui.button("Whole range").on_hover_text("Shows all values again").clicked() {
+                view.range = None;
+            }
+            let tooltip = "How the histogram counts: logarithms show what few voxels have";
+            if ui.selectable_label(!view.logarithmic, "Linear").on_hover_text(tooltip).clicked() {
+                view.logarithmic = false;
+            }
+            if ui.selectable_label(view.logarithmic, "Log").on_hover_text(tooltip).clicked() {
+                view.logarithmic = true;
+            }
+        });
+    });
+}
+
+#[expect(clippy::too_many_arguments, reason = "one row of widgets")]
+fn node_fields(
+    ui: &mut Ui,
+    open: &mut OpenFigure,
+    gallery: &Gallery,
+    positions: Positions<'_>,
+    volume: Option<&Volume>,
+    number: usize,
+    node: &NodeTemplate,
+    num_nodes: usize,
+) {
+    let object = open.object;
+    ui.label(theme::small(ui.ctx(), format!("Node {} of {num_nodes}", number + 1)));
+    let (mut at, mut percent) = (node.at, 100.0 * node.opacity);
+    let unit = positions.unit(volume);
+    let speed = match (positions.domain, positions.statistics) {
+        (Domain::Data, Some(s)) => ((s.max - s.min) / 1000.0).max(1e-9),
+        _ => 0.1,
+    };
+    let decimals = if speed >= 1.0 { 1 } else { 6 };
+    let field = DragValue::new(&mut at).speed(speed).suffix(unit).max_decimals(decimals).update_while_editing(false);
+    let response = ui.add(field.custom_parser(super::properties::parse_number)).accessible_name("Node value");
+    let response =
+        response.on_hover_text("Where the node is: data value, or percentile of what is above the background");
+    let command = response.changed().then_some(Command::MoveNode { object, node: number, at, opacity: node.opacity });
+    open.edit_by(&response, command);
+    let field = DragValue::new(&mut percent).speed(0.5).range(0.0..=100.0).suffix(" %").max_decimals(1);
+    let response = ui
+        .add(field.update_while_editing(false).custom_parser(super::properties::parse_number))
+        .accessible_name("Node opacity");
+    let response =
+        response.on_hover_text("Opacity of one reference length of this material (Properties: Opacity is per)");
+    let moved = Command::MoveNode { object, node: number, at: node.at, opacity: percent / 100.0 };
+    open.edit_by(&response, response.changed().then_some(moved));
+    let combo = ComboBox::from_id_salt("node style").selected_text(gallery.title(&node.style)).width(110.0);
+    let mut chosen = None;
+    let response = combo.show_ui(ui, |ui| {
+        for info in gallery.library().infos() {
+            if ui.selectable_label(info.name == node.style, &info.title).clicked() {
+                chosen = Some(info.name.clone());
+            }
+        }
+    });
+    let _ = response.response.accessible_name("Node style");
+    if let Some(style) = chosen {
+        open.edit(Command::SetStyle { object, nodes: number..number + 1, style });
+    }
+    let remove = ui.add_enabled(num_nodes > 1, egui::Button::new("Remove"));
+    let why = "A transfer function needs one node at least";
+    if remove.on_hover_text("Takes the node away (Delete)").on_disabled_hover_text(why).clicked() {
+        open.edit(Command::RemoveNode { object, node: number });
+        open.node = None;
+    }
+}
+
+/// The wheel comes nearer, a drag of the paper moves along.
+fn look_around(ui: &Ui, response: &Response, plot: Plot, view: &mut FunctionView) {
+    let wheel = f64::from(ui.input(|i| i.smooth_scroll_delta().y));
+    if let Some(at) = response.hover_pos().filter(|_| wheel != 0.0) {
+        let (value, factor) = (plot.value(at.x), (-wheel / 200.0).exp());
+        let (low, high) = (value + factor * (plot.low - value), value + factor * (plot.high - value));
+        // Beyond, neighboring pixels would be one number.
+        if high - low > 1e-9 * low.abs().max(high.abs()).max(1e-9) && high - low < 1e12 {
+            view.range = Some((low, high));
+        }
+    }
+    if response.dragged() {
+        let by = f64::from(response.drag_delta().x) * plot.resolution();
+        view.range = Some((plot.low - by, plot.high - by));
+        ui.ctx().set_cursor_icon(CursorIcon::Grabbing);
+    }
+}
+
+#[expect(clippy::too_many_arguments, reason = "what a dot knows of its surroundings")]
+fn nodes(
+    ui: &Ui,
+    open: &mut OpenFigure,
+    plot: Plot,
+    positions: Positions<'_>,
+    values: &[f64],
+    nodes: &[NodeTemplate],
+    volume: Option<&Volume>,
+    view: &mut FunctionView,
+) {
+    let tokens = theme::tokens(ui.ctx());
+    let painter = ui.painter().clone();
+    let object = open.object;
+    for (i, node) in nodes.iter().enumerate() {
+        let center = Pos2::new(plot.x(values[i]), plot.y(node.opacity));
+        if !plot.spans(center.x) {
+            continue;
+        }
+        let id = ui.scope_id().with(("node", i));
+        let response =
+            ui.interact(Rect::from_center_size(center, Vec2::splat(2.0 * GRAB)), id, Sense::click_and_drag());
+        let described = format!("Node {} at {}{}", i + 1, round_to(node.at, 1e-4), positions.unit(volume));
+        response.widget_info(|| WidgetInfo::labeled(Role::Button, true, &described));
+        if response.clicked() || response.drag_started() {
+            open.node = Some(i);
+        }
+        let mut number = i;
+        if response.drag_started() {
+            open.document.begin();
+            view.dragged = ui.input(|i| i.pointer.press_origin()).map(|from| (values[i], node.opacity, from));
+            // The copy that goes along is the one on the side that the hand goes to.
+            if ui.input(|i| i.modifiers.alt) {
+                open.edit(Command::InsertNode { object, node: node.clone() });
+                if response.total_drag_delta().is_some_and(|d| d.x > 0.0) {
+                    number = i + 1;
+                    open.node = Some(number);
+                    ui.ctx().set_dragged_id(ui.scope_id().with(("node", number)));
+                }
+            }
+        }
+        if (response.dragged() || response.drag_stopped())
+            && open.document.in_gesture()
+            && let (Some((value, opacity, last)), Some(pointer)) =
+                (&mut view.dragged, ui.input(|i| i.pointer.latest_pos()))
+        {
+            let fine = if ui.input(|i| i.modifiers.shift) { FINE } else { 1.0 };
+            let by = pointer - std::mem::replace(last, pointer);
+            *value += fine * f64::from(by.x) * plot.resolution();
+            *opacity -= fine * f64::from(by.y / plot.rect.height());
+            let at = positions.at(*value, fine * plot.resolution());
+            let opacity = round_to(opacity.clamp(0.0, 1.0), 0.01 * fine);
+            open.edit(Command::MoveNode { object, node: number, at, opacity });
+            ui.ctx().set_cursor_icon(CursorIcon::Grabbing);
+        }
+        if response.drag_stopped() {
+            open.document.commit();
+            view.dragged = None;
+        }
+        let is_chosen = open.node == Some(i);
+        let fill = if is_chosen { tokens.accent } else { tokens.panel };
+        let radius = if response.hovered() || is_chosen { DOT + 1.5 } else { DOT };
+        painter.circle(center, radius, fill, Stroke::new(2.0, tokens.text));
+        let text = format!("{}{} · {:.0} %", round_to(node.at, 1e-3), positions.unit(volume), 100.0 * node.opacity);
+        if response.dragged() {
+            paint_note(&painter, center - Vec2::Y * 14.0, &text, tokens);
+        } else {
+            response.clone().on_hover_text(text);
+        }
+        response.context_menu(|ui| {
+            ui.set_min_width(140.0);
+            if ui.add_enabled(nodes.len() > 1, egui::Button::new("Remove node")).clicked() {
+                open.edit(Command::RemoveNode { object, node: i });
+                open.node = None;
+                ui.close();
+            }
+            if ui.button("Duplicate node").clicked() {
+                open.edit(Command::InsertNode { object, node: node.clone() });
+                open.node = Some(i + 1);
+                ui.close();
+            }
+        });
+    }
+    // The Delete key belongs to the nodes while no field is typed into.
+    if let Some(node) = open.node
+        && !ui.ctx().egui_wants_keyboard_input()
+        && nodes.len() > 1
+        && ui.input_mut(|i| i.consume_key(Modifiers::NONE, Key::Delete))
+    {
+        open.edit(Command::RemoveNode { object, node });
+        open.node = None;
+    }
+}
+
+fn paint_note(painter: &egui::Painter, bottom: Pos2, text: &str, tokens: Tokens) {
+    let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(12.0), tokens.text);
+    let rect = Align2::CENTER_BOTTOM.anchor_size(bottom, galley.size() + Vec2::new(12.0, 6.0));
+    painter.rect_filled(rect, 4.0, tokens.raised);
+    painter.galley(rect.min + Vec2::new(6.0, 3.0), galley, tokens.text);
+}
+
+/// A material's nodes and the middle of its sphere.
+struct PlacedSphere {
+    run: Range<usize>,
+    x: f32,
+}
+
+/// Each below the middle of its nodes, the more opaque ones counting more, none over another.
+fn place_spheres(plot: Plot, values: &[f64], nodes: &[NodeTemplate]) -> Vec<PlacedSphere> {
+    let mut placed: Vec<PlacedSphere> = materials(nodes)
+        .into_iter()
+        .map(|run| {
+            let weights: Vec<f64> = run.clone().map(|i| nodes[i].opacity + 0.01).collect();
+            let sum: f64 = run.clone().zip(&weights).map(|(i, w)| w * f64::from(plot.x(values[i]))).sum();
+            PlacedSphere { x: (sum / weights.iter().sum::<f64>()) as f32, run }
+        })
+        .filter(|s| plot.spans(s.x))
+        .collect();
+    let apart = 2.0 * SPHERE + 6.0;
+    for i in 1..placed.len() {
+        placed[i].x = placed[i].x.max(placed[i - 1].x + apart);
+    }
+    // Pushed back from the right edge.
+    let mut limit = plot.rect.right() - SPHERE;
+    for sphere in placed.iter_mut().rev() {
+        sphere.x = sphere.x.min(limit);
+        limit = sphere.x - apart;
+    }
+    placed
+}
+
+fn material_spheres(
+    ui: &Ui,
+    open: &mut OpenFigure,
+    gallery: &Gallery,
+    nodes: &[NodeTemplate],
+    spheres: &[PlacedSphere],
+    y: f32,
+) {
+    let tokens = theme::tokens(ui.ctx());
+    for (i, PlacedSphere { run, x }) in spheres.iter().enumerate() {
+        let center = Pos2::new(*x, y);
+        let style = &nodes[run.start].style;
+        let rect = Rect::from_center_size(center, Vec2::splat(2.0 * SPHERE));
+        let response = ui.interact(rect, ui.scope_id().with(("sphere", i)), Sense::click_and_drag());
+        let title = gallery.title(style).to_owned();
+        response.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Material {}: {title}", i + 1)));
+        response.dnd_set_drag_payload(DraggedStyle(style.clone()));
+        let strongest = run.clone().max_by(|a, b| nodes[*a].opacity.total_cmp(&nodes[*b].opacity));
+        if response.clicked() {
+            open.node = strongest;
+        }
+        let painter = ui.painter();
+        gallery.paint(painter, center, SPHERE, style);
+        let aimed = response.dnd_hover_payload::<DraggedStyle>().is_some();
+        let is_chosen = open.node.is_some_and(|n| run.contains(&n));
+        if aimed || is_chosen || response.hovered() {
+            let width = if aimed { 3.0 } else { 2.0 };
+            painter.circle_stroke(center, SPHERE + 2.0, Stroke::new(width, tokens.accent));
+        }
+        response.on_hover_text(format!("{title}: drop another style here, or drag this one elsewhere"));
+    }
+}
+
+/// A style that is dropped dresses the material, or the node, that it falls on; between them it becomes a node.
+fn drop_style(
+    ui: &Ui,
+    open: &mut OpenFigure,
+    response: &Response,
+    plot: Plot,
+    values: &[f64],
+    nodes: &[NodeTemplate],
+    spheres: &[PlacedSphere],
+) {
+    let Some(pointer) = ui.input(|i| i.pointer.latest_pos()).filter(|p| response.rect.contains(*p)) else { return };
+    let node = (0..nodes.len())
+        .filter(|i| Pos2::new(plot.x(values[*i]), plot.y(nodes[*i].opacity)).distance(pointer) < GRAB)
+        .min_by(|a, b| {
+            let far = |i: usize| Pos2::new(plot.x(values[i]), plot.y(nodes[i].opacity)).distance(pointer);
+            far(*a).total_cmp(&far(*b))
+        });
+    let below_plot = pointer.y > plot.rect.bottom();
+    let sphere = spheres.iter().find(|s| below_plot && (s.x - pointer.x).abs() < SPHERE + 3.0);
+    if !egui::DragAndDrop::has_payload_of_type::<DraggedStyle>(ui.ctx()) {
+        return;
+    }
+    if sphere.is_none() && node.is_none() && plot.rect.contains(pointer) {
+        let accent = theme::tokens(ui.ctx()).accent;
+        ui.painter().vline(pointer.x, plot.rect.y_range(), Stroke::new(1.5, accent));
+    }
+    if !ui.input(|i| i.pointer.any_released()) {
+        return;
+    }
+    let Some(style) = egui::DragAndDrop::take_payload::<DraggedStyle>(ui.ctx()).map(|s| s.0.clone()) else { return };
+    let object = open.object;
+    if let Some(sphere) = sphere {
+        open.edit(Command::SetStyle { object, nodes: sphere.run.clone(), style });
+    } else if let Some(node) = node {
+        open.edit(Command::SetStyle { object, nodes: node..node + 1, style });
+        open.node = Some(node);
+    } else {
+        insert_node(open, plot.value(pointer.x), plot.resolution(), Some(style), None);
+    }
+}
+
+fn paint_histogram(painter: &egui::Painter, plot: Plot, statistics: &Statistics, logarithmic: bool, tokens: Tokens) {
+    let bins = &statistics.histogram;
+    let scaled = |n: f64| if logarithmic { n.ln_1p() } else { n };
+    // Linearly, the background alone would flatten everything else.
+    let above = |i: usize| {
+        let value = statistics.min + (i as f64 + 0.5) / bins.len() as f64 * (statistics.max - statistics.min);
+        logarithmic || value > statistics.background
+    };
+    let most = bins.iter().enumerate().filter(|(i, _)| above(*i)).map(|(_, n)| *n).max().unwrap_or(0).max(1);
+    let most = scaled(most as f64);
+    let width = statistics.max - statistics.min;
+    let mut mesh = Mesh::default();
+    let color = tokens.border.gamma_multiply(0.45);
+    let count = |x: f32| -> f32 {
+        let place = (plot.value(x) - statistics.min) / width * bins.len() as f64 - 0.5;
+        if width <= 0.0 || place < -0.5 || place > bins.len() as f64 - 0.5 {
+            return 0.0;
+        }
+        let below = place.floor().max(0.0);
+        let bin = |i: f64| scaled(bins[(i as usize).min(bins.len() - 1)] as f64);
+        let share = (place - below).clamp(0.0, 1.0);
+        let n = bin(below) + share * (bin(below + 1.0) - bin(below));
+        (n / most).min(1.0) as f32
+    };
+    let columns = (plot.rect.width() / 2.0).ceil() as u32;
+    for column in 0..=columns {
+        let x = plot.rect.left() + plot.rect.width() * column as f32 / columns as f32;
+        let top = plot.rect.bottom() - count(x) * plot.rect.height() * 0.96;
+        mesh.colored_vertex(Pos2::new(x, plot.rect.bottom()), color);
+        mesh.colored_vertex(Pos2::new(x, top), color);
+        if column > 0 {
+            let i = 2 * column;
+            mesh.add_triangle(i - 2, i - 1, i);
+            mesh.add_triangle(i - 1, i, i + 1);
+        }
+    }
+    painter.add(mesh);
+}
+
+/// Below the curve, the colors that the styles have from afar.
+fn paint_tints(painter: &egui::Painter, plot: Plot, values: &[f64], nodes: &[NodeTemplate], gallery: &Gallery) {
+    let means: Vec<Color32> = nodes.iter().map(|n| gallery.mean(&n.style)).collect();
+    let mut mesh = Mesh::default();
+    let columns = (plot.rect.width() / 2.0).ceil() as u32;
+    for column in 0..=columns {
+        let x = plot.rect.left() + plot.rect.width() * column as f32 / columns as f32;
+        let value = plot.value(x);
+        let above = values.partition_point(|v| *v <= value);
+        let (below, share) = match (above.checked_sub(1), values.get(above)) {
+            (None, _) => (0, 0.0),
+            (Some(below), None) => (below, 0.0),
+            (Some(below), Some(next)) => (below, (value - values[below]) / (next - values[below])),
+        };
+        let color = means[below].lerp_to_gamma(means[(below + 1).min(means.len() - 1)], share as f32);
+        let color = color.gamma_multiply(0.4);
+        mesh.colored_vertex(Pos2::new(x, plot.rect.bottom()), color);
+        mesh.colored_vertex(Pos2::new(x, plot.y(opacity_at(values, nodes, value))), color);
+        if column > 0 {
+            let i = 2 * column;
+            mesh.add_triangle(i - 2, i - 1, i);
+            mesh.add_triangle(i - 1, i, i + 1);
+        }
+    }
+    painter.add(mesh);
+}
+
+fn paint_curve(painter: &egui::Painter, plot: Plot, values: &[f64], nodes: &[NodeTemplate], tokens: Tokens) {
+    let inside = painter.with_clip_rect(plot.rect.expand(2.0));
+    let mut points: Vec<Pos2> =
+        values.iter().zip(nodes).map(|(value, node)| Pos2::new(plot.x(*value), plot.y(node.opacity))).collect();
+    let (first, last) = (points[0], points[points.len() - 1]);
+    points.insert(0, Pos2::new(plot.rect.left().min(first.x), first.y));
+    points.push(Pos2::new(plot.rect.right().max(last.x), last.y));
+    inside.add(PathShape::line(points, Stroke::new(2.0, tokens.accent)));
+}
+
+fn paint_axis(painter: &egui::Painter, plot: Plot, volume: Option<&Volume>, tokens: Tokens) {
+    for opacity in [0.5, 1.0] {
+        painter.hline(plot.rect.x_range(), plot.y(opacity), Stroke::new(1.0, tokens.hairline));
+    }
+    let wanted = (plot.high - plot.low) / f64::from(plot.rect.width() / 80.0).max(1.0);
+    let power = 10f64.powf(wanted.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|s| *s >= wanted).unwrap_or(wanted);
+    let font = FontId::proportional(11.0);
+    let mut tick = (plot.low / step).ceil() * step;
+    // The unit has the last place.
+    let unit = volume.filter(|v| v.modality == Modality::Ct).map_or("value", |_| "HU");
+    painter.text(plot.rect.right_bottom() + Vec2::Y * 2.0, Align2::RIGHT_TOP, unit, font.clone(), tokens.dim);
+    while tick <= plot.high && step > 0.0 {
+        let x = plot.x(tick);
+        if x < plot.rect.right() - 44.0 {
+            painter.vline(x, plot.rect.bottom()..=plot.rect.bottom() + 3.0, Stroke::new(1.0, tokens.border));
+            let text = format!("{}", round_to(tick, 0.1 * step));
+            painter.text(Pos2::new(x, plot.rect.bottom() + 2.0), Align2::CENTER_TOP, text, font.clone(), tokens.dim);
+        }
+        tick += step;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn node(at: f64, style: &str, opacity: f64) -> NodeTemplate {
+        NodeTemplate { at, style: style.to_owned(), opacity, extra: serde_json::Map::new() }
+    }
+
+    #[test]
+    fn materials_are_runs_of_one_style() {
+        let nodes = [node(0.0, "a", 0.0), node(1.0, "a", 1.0), node(2.0, "b", 1.0), node(3.0, "a", 1.0)];
+        assert_eq!(materials(&nodes), [0..2, 2..3, 3..4]);
+        assert!(materials(&[]).is_empty());
+    }
+
+    #[test]
+    fn a_new_node_lies_on_the_curve() {
+        let nodes = vec![node(0.0, "a", 0.0), node(100.0, "b", 0.8), node(100.0, "c", 0.2)];
+        let function = TransferFunctionTemplate {
+            domain: Domain::Data,
+            reference_length_mm: None,
+            nodes,
+            extra: serde_json::Map::new(),
+        };
+        let positions = Positions::new(&function, None);
+        let made = |value| node_on_curve(positions, &function, value, 1.0);
+        assert!((made(50.4).at, made(50.4).opacity) == (50.0, 0.4) && made(20.0).style == "a");
+        assert!(made(-7.0).opacity == 0.0 && made(900.0).opacity == 0.2 && made(99.0).style == "b");
+    }
+
+    #[test]
+    fn numbers_are_rounded_to_what_a_pixel_tells() {
+        assert_eq!(round_to(123.456, 3.0), 123.0);
+        assert_eq!(round_to(123.456, 0.3), 123.5);
+        assert_eq!(round_to(123.456, 20.0), 120.0);
+        assert_eq!(round_to(0.123_456, 0.001), 0.123);
+        assert_eq!(round_to(1.5, 0.0), 1.5);
+    }
+
+    #[test]
+    fn spheres_do_not_lie_on_each_other() {
+        let rect = Rect::from_min_size(Pos2::ZERO, Vec2::new(200.0, 50.0));
+        let plot = Plot { rect, low: 0.0, high: 100.0 };
+        let nodes = [node(97.0, "a", 1.0), node(98.0, "b", 1.0), node(99.0, "c", 1.0)];
+        let placed = place_spheres(plot, &[97.0, 98.0, 99.0], &nodes);
+        assert!(placed.windows(2).all(|w| w[1].x - w[0].x >= 2.0 * SPHERE), "they overlap");
+        assert!(placed[2].x <= 200.0 - SPHERE);
+    }
+}

@@ -1,0 +1,583 @@
+//! The picture and the hand on it: the figure's frame, gestures that move the view, the orientation cube, and the answer to
+//! "what is this?".
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use eframe::egui::epaint::PathShape;
+use eframe::egui::{
+    self, Align2, Area, Color32, ColorImage, Context, CursorIcon, EventFilter, FontId, Id, Key, Modifiers, Order,
+    PointerButton, Pos2, Rect, Response, Role, Sense, Stroke, TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo,
+};
+use fabrica_engine::pick::{Pick, pick};
+use fabrica_engine::volume::Modality;
+use glam::{DVec2, DVec3};
+
+use super::gallery::{DraggedStyle, Gallery};
+use super::open_figure::OpenFigure;
+use super::painter::{Painter, Request, Stage, Update};
+use super::panels::properties::shorter;
+use super::panels::transfer_function::{FunctionView, insert_node, materials};
+use super::{theme, view};
+use crate::figure::template::CameraTemplate;
+use crate::figure::{Command, Template};
+
+/// Radians that an arrow key turns, and the share of the height that it moves with Shift.
+const KEY_TURN: f64 = 5.0 * std::f64::consts::PI / 180.0;
+const KEY_MOVE: f64 = 0.05;
+/// Half the edge of the orientation cube, points.
+const CUBE: f32 = 17.0;
+/// Space around the frame.
+const MARGIN: f32 = 28.0;
+
+/// The picture in the frame, and what the painter was asked for.
+#[derive(Default)]
+pub struct Picture {
+    texture: Option<TextureHandle>,
+    /// How far it is; none while nothing has come.
+    pub stage: Option<Stage>,
+    /// The estimated error of the finished picture, 8-bit codes.
+    pub error_codes: Option<f64>,
+    /// The last request's number: older updates are late.
+    number: u64,
+    asked: Option<(Arc<Template>, [u32; 2], bool)>,
+    asked_at: Option<Instant>,
+    /// Pixels of the whole picture as shown, RGBA; kept for thumbnails.
+    pixels: Vec<u8>,
+    size: [usize; 2],
+    /// Times from asking to the first rows, ms, of all requests so far.
+    pub coarse_ms: Vec<f64>,
+}
+
+impl Picture {
+    /// Forgets the picture: another figure is open.
+    pub fn clear(&mut self) {
+        *self = Self { number: self.number, coarse_ms: std::mem::take(&mut self.coarse_ms), ..Self::default() };
+    }
+
+    /// Whether it is as fine as the figure asks for.
+    pub fn is_refined(&self) -> bool {
+        matches!(self.stage, Some(Stage::Refined { .. }))
+    }
+
+    /// The picture, RGBA, with its columns and rows; none before the first whole one.
+    pub fn pixels(&self) -> Option<(&[u8], [usize; 2])> {
+        (!self.pixels.is_empty()).then_some((&self.pixels[..], self.size))
+    }
+
+    /// Asks for the figure anew, even if it is the one that was asked for last.
+    pub fn ask_again(&mut self) {
+        self.asked = None;
+    }
+
+    fn ask(&mut self, painter: &Painter, open: &OpenFigure, size: [u32; 2]) {
+        let figure = open.document.figure();
+        let coarse_only = open.document.in_motion();
+        let same =
+            |(f, s, c): &(Arc<Template>, [u32; 2], bool)| Arc::ptr_eq(f, figure) && *s == size && *c == coarse_only;
+        if self.asked.as_ref().is_some_and(same) {
+            return;
+        }
+        let Some(volumes) = open.volumes() else { return };
+        self.number = painter.ask(Request { figure: figure.clone(), volumes, size, coarse_only });
+        (self.stage, self.error_codes, self.asked_at) = (None, None, Some(Instant::now()));
+        self.asked = Some((figure.clone(), size, coarse_only));
+    }
+
+    /// Takes in what the painter says; a fault of this picture comes back as a sentence.
+    pub fn take(&mut self, ctx: &Context, update: Update) -> Option<String> {
+        match update {
+            Update::Failed { number, message } if number == self.number => {
+                // Nothing more will come of it.
+                self.stage = Some(Stage::Failed);
+                return Some(message);
+            }
+            Update::Estimated { number, codes } if number == self.number => self.error_codes = Some(codes),
+            Update::Rows { number, size, y, num_rows, pixels, stage } if number == self.number => {
+                if let Some(asked) = self.asked_at.take() {
+                    self.coarse_ms.push(asked.elapsed().as_secs_f64() * 1e3);
+                }
+                let image = ColorImage::from_rgba_premultiplied([size[0], num_rows], &pixels);
+                match &mut self.texture {
+                    Some(texture) if texture.size() == size && num_rows < size[1] => {
+                        texture.set_partial([0, y], image, TextureOptions::LINEAR);
+                    }
+                    Some(texture) => texture.set(image, TextureOptions::LINEAR),
+                    none => *none = Some(ctx.load_texture("figure", image, TextureOptions::LINEAR)),
+                }
+                if num_rows == size[1] && stage != Stage::Coarse {
+                    (self.pixels, self.size) = (pixels, size);
+                } else if size == self.size && stage != Stage::Coarse {
+                    let from = 4 * size[0] * y;
+                    self.pixels[from..from + pixels.len()].copy_from_slice(&pixels);
+                }
+                self.stage = Some(stage);
+            }
+            _ => {}
+        }
+        None
+    }
+}
+
+/// What was asked about, and where.
+struct Answer {
+    at: Pos2,
+    pick: Pick,
+    figure: Arc<Template>,
+}
+
+/// What the pointer is on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Under {
+    /// In the world (RAS), mm.
+    pub position_mm: DVec3,
+    /// Data value.
+    pub value: f64,
+}
+
+/// The viewport's own state.
+#[derive(Default)]
+pub struct Viewport {
+    /// The picture.
+    pub picture: Picture,
+    answer: Option<Answer>,
+    /// What the pointer is on, with where it was when that was found.
+    under: Option<(Pos2, Arc<Template>, Option<Under>)>,
+    /// What the drag does, and where the pointer was when it was last followed.
+    motion: Option<(Motion, Pos2)>,
+    /// What the hand can do here, for the status bar.
+    pub hint: &'static str,
+}
+
+/// What a drag does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Motion {
+    Orbit,
+    Pan,
+    Dolly,
+    Roll,
+}
+
+/// The motion of a drag: the left button orbits like the middle one while there is no other tool; with a pen, Space stands for
+/// the middle button.
+fn motion(button: PointerButton, modifiers: Modifiers, space: bool) -> Option<Motion> {
+    match (button, modifiers.command || modifiers.ctrl, modifiers.shift) {
+        (PointerButton::Secondary | PointerButton::Extra1 | PointerButton::Extra2, ..) => None,
+        (_, true, true) => Some(Motion::Roll),
+        (_, true, false) => Some(Motion::Dolly),
+        // Krita's: Space alone moves the paper, with Shift it turns.
+        (PointerButton::Primary, false, shift) if space => Some(if shift { Motion::Orbit } else { Motion::Pan }),
+        (_, false, true) => Some(Motion::Pan),
+        (_, false, false) => Some(Motion::Orbit),
+    }
+}
+
+/// The largest rectangle of an aspect (width over height) in the middle of an area, on whole pixels.
+fn frame_in(area: Rect, aspect: f32, pixels_per_point: f32) -> Rect {
+    let width = area.width().min(area.height() * aspect).max(1.0);
+    let snap = |x: f32| (x * pixels_per_point).round() / pixels_per_point;
+    let size = Vec2::new(snap(width), snap(width / aspect)).max(Vec2::splat(1.0 / pixels_per_point));
+    let min = area.center() - 0.5 * size;
+    Rect::from_min_size(Pos2::new(snap(min.x), snap(min.y)), size)
+}
+
+impl Viewport {
+    /// Escape: what is open here closes; whether anything was.
+    pub fn dismiss(&mut self) -> bool {
+        self.motion = None;
+        self.answer.take().is_some()
+    }
+
+    /// What the pointer is on.
+    pub fn under(&self) -> Option<Under> {
+        self.under.as_ref().and_then(|(_, _, under)| *under)
+    }
+
+    /// Where the camera's frame lies, its picture, its gestures.
+    pub fn show(
+        &mut self,
+        ui: &mut Ui,
+        open: &mut OpenFigure,
+        gallery: &Gallery,
+        function_view: &mut FunctionView,
+        painter_thread: &Painter,
+    ) {
+        let area = ui.available_rect_before_wrap();
+        let response = ui.allocate_rect(area, Sense::click_and_drag());
+        let scale = ui.ctx().pixels_per_point();
+        let page = open.document.figure().figure.clone();
+        let frame = frame_in(area.shrink(MARGIN), (page.width_mm / page.height_mm) as f32, scale);
+        let figure = open.document.figure().clone();
+        response.widget_info(|| WidgetInfo::labeled(Role::Canvas, true, describe(&figure)));
+
+        self.drag(ui, &response, open, frame);
+        self.keys(ui, &response, open);
+        wheel(ui, &response, open, frame);
+        let size = [frame.width(), frame.height()].map(|n| ((n * scale).round() as u32).max(1));
+        self.picture.ask(painter_thread, open, size);
+
+        let painter = ui.painter_at(area);
+        painter.rect_filled(frame, 0.0, Color32::WHITE);
+        if let Some(texture) = &self.picture.texture {
+            let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
+            painter.image(texture.id(), frame, whole, Color32::WHITE);
+        }
+        paint_surroundings(&painter, frame, &open.document.figure().camera, &page, ui.ctx());
+        cube(ui, open, Pos2::new(area.left() + 3.2 * CUBE, area.bottom() - 3.2 * CUBE));
+
+        self.hover(ui, &response, open, gallery, frame, size);
+        function_view.marked = self.answer.as_ref().map(|a| a.pick.value).or(self.under().map(|u| u.value));
+        if response.clicked()
+            && let Some(at) = response.interact_pointer_pos()
+        {
+            self.ask_what(open, gallery, at, frame, size);
+        }
+        self.drop_style(ui, &response, open, gallery, frame, size);
+        self.answer(ui, open, gallery, function_view);
+    }
+
+    fn drag(&mut self, ui: &Ui, response: &Response, open: &mut OpenFigure, frame: Rect) {
+        let (modifiers, space) = ui.input(|i| (i.modifiers, i.key_down(Key::Space)));
+        let buttons = [PointerButton::Primary, PointerButton::Middle];
+        if response.drag_started() {
+            response.request_focus();
+            let button = buttons.into_iter().find(|b| response.dragged_by(*b));
+            let from = ui.input(|i| i.pointer.press_origin());
+            self.motion = button.and_then(|b| motion(b, modifiers, space)).zip(from);
+            if self.motion.is_some() {
+                self.answer = None;
+                open.document.begin();
+            }
+        }
+        // The positions, not what egui calls the drag's delta: that leaves out the frames of the press and the release.
+        let at = ui.input(|i| i.pointer.latest_pos());
+        if let (Some((motion, last)), Some(at)) = (&mut self.motion, at)
+            && open.document.in_gesture()
+            && (response.dragged() || response.drag_stopped())
+        {
+            let (before, now) = (std::mem::replace(last, at) - frame.center(), at - frame.center());
+            if before != now {
+                let height = f64::from(frame.height().max(1.0));
+                let (dx, dy) = (f64::from(now.x - before.x) / height, f64::from(now.y - before.y) / height);
+                let camera = &open.document.figure().camera;
+                let camera = match motion {
+                    Motion::Orbit => view::orbit(camera, dx, dy),
+                    Motion::Pan => view::pan(camera, dx, dy),
+                    Motion::Dolly => view::dolly(camera, (-3.0 * dy).exp(), [0.0; 2]),
+                    Motion::Roll => view::roll(camera, f64::from(before.angle() - now.angle())),
+                };
+                open.edit(Command::SetCamera(camera));
+            }
+            ui.ctx().set_cursor_icon(CursorIcon::Grabbing);
+        }
+        if response.drag_stopped() {
+            self.motion = None;
+            open.document.commit();
+        }
+        self.hint = if open.document.in_motion() {
+            "Esc gives the drag up"
+        } else {
+            "Click: what is this? · Drag: orbit · Shift+drag: pan · Ctrl+Shift+drag: roll · Wheel: closer"
+        };
+    }
+
+    /// The view by keys, while the viewport has the focus.
+    fn keys(&self, ui: &Ui, response: &Response, open: &mut OpenFigure) {
+        if !response.has_focus() {
+            return;
+        }
+        let filter = EventFilter { horizontal_arrows: true, vertical_arrows: true, ..EventFilter::default() };
+        ui.memory_mut(|m| m.set_focus_lock_filter(response.id, filter));
+        let camera = &open.document.figure().camera;
+        let mut moved: Option<CameraTemplate> = None;
+        ui.input_mut(|i| {
+            let arrows = [
+                (Key::ArrowLeft, DVec2::NEG_X),
+                (Key::ArrowRight, DVec2::X),
+                (Key::ArrowUp, DVec2::NEG_Y),
+                (Key::ArrowDown, DVec2::Y),
+            ];
+            for (key, by) in arrows {
+                // Turned by view::orbit's half circle for a height.
+                let turn = by * KEY_TURN / std::f64::consts::PI;
+                if i.consume_key(Modifiers::SHIFT, key) {
+                    moved = Some(view::pan(camera, KEY_MOVE * by.x, KEY_MOVE * by.y));
+                } else if i.consume_key(Modifiers::NONE, key) {
+                    moved = Some(view::orbit(camera, turn.x, turn.y));
+                }
+            }
+            for (key, factor) in [(Key::Plus, 1.1), (Key::Equals, 1.1), (Key::Minus, 1.0 / 1.1)] {
+                if i.consume_key(Modifiers::NONE, key) || i.consume_key(Modifiers::SHIFT, key) {
+                    moved = Some(view::dolly(camera, factor, [0.0; 2]));
+                }
+            }
+        });
+        if let Some(camera) = moved {
+            open.edit(Command::SetCamera(camera));
+        }
+    }
+
+    fn pick_at(open: &mut OpenFigure, gallery: &Gallery, at: Pos2, frame: Rect, size: [u32; 2]) -> Option<Pick> {
+        if !frame.contains(at) {
+            return None;
+        }
+        let scene = open.scene(gallery.library())?;
+        let share = (at - frame.min) / frame.size();
+        let pixel = |share: f32, n: u32| ((share * n as f32) as u32).min(n - 1);
+        pick(&scene, size, pixel(share.x, size[0]), pixel(share.y, size[1]))
+    }
+
+    fn hover(
+        &mut self,
+        ui: &Ui,
+        response: &Response,
+        open: &mut OpenFigure,
+        gallery: &Gallery,
+        frame: Rect,
+        size: [u32; 2],
+    ) {
+        let at = response.hover_pos().filter(|_| !open.document.in_gesture());
+        let Some(at) = at else {
+            self.under = None;
+            return;
+        };
+        let figure = open.document.figure().clone();
+        let known = |(p, f, _): &(Pos2, Arc<Template>, Option<Under>)| *p == at && Arc::ptr_eq(f, &figure);
+        if self.under.as_ref().is_some_and(known) {
+            return;
+        }
+        // While the pointer flies past, nobody reads.
+        if ui.input(|i| i.pointer.velocity().length()) > 600.0 {
+            return;
+        }
+        let found = Self::pick_at(open, gallery, at, frame, size);
+        self.under = Some((at, figure, found.map(|p| Under { position_mm: p.position_mm, value: p.value })));
+    }
+
+    fn ask_what(&mut self, open: &mut OpenFigure, gallery: &Gallery, at: Pos2, frame: Rect, size: [u32; 2]) {
+        let pick = Self::pick_at(open, gallery, at, frame, size);
+        let figure = open.document.figure().clone();
+        if let Some(pick) = &pick {
+            open.node = Some(nearest_node(open, pick));
+        }
+        self.answer = pick.map(|pick| Answer { at, pick, figure });
+    }
+
+    /// A style that falls on the picture dresses the material that is seen there.
+    fn drop_style(
+        &mut self,
+        ui: &Ui,
+        response: &Response,
+        open: &mut OpenFigure,
+        gallery: &Gallery,
+        frame: Rect,
+        size: [u32; 2],
+    ) {
+        let Some(style) = response.dnd_release_payload::<DraggedStyle>() else { return };
+        let Some(at) = ui.input(|i| i.pointer.latest_pos()) else { return };
+        let Some(pick) = Self::pick_at(open, gallery, at, frame, size) else { return };
+        let node = nearest_node(open, &pick);
+        let Some(object) = open.chosen() else { return };
+        let run = materials(&object.transfer_function.nodes).into_iter().find(|run| run.contains(&node));
+        if let Some(nodes) = run {
+            open.edit(Command::SetStyle { object: open.object, nodes, style: style.0.clone() });
+            open.node = Some(node);
+        }
+    }
+
+    /// The answer to "what is this?", beside the place that was asked about.
+    fn answer(&mut self, ui: &Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut FunctionView) {
+        let Some(answer) = &self.answer else { return };
+        let figure = open.document.figure();
+        // Another view shows something else there.
+        if answer.figure.camera != figure.camera || answer.figure.volumes != figure.volumes {
+            self.answer = None;
+            return;
+        }
+        let node = nearest_node(open, &answer.pick);
+        let Some(nodes) = open.chosen().map(|o| o.transfer_function.nodes.clone()) else { return };
+        let unit = match open.chosen_volume().map(|v| v.modality) {
+            Some(Modality::Ct) => " HU",
+            _ => "",
+        };
+        let (at, value, gradient) = (answer.at, answer.pick.value, answer.pick.gradient);
+        let painter = ui.painter();
+        painter.circle_stroke(at, 6.0, Stroke::new(4.0, Color32::WHITE));
+        painter.circle_stroke(at, 6.0, Stroke::new(2.0, theme::GIZMO));
+        let mut done = false;
+        let area =
+            Area::new(Id::unique("what is this")).order(Order::Foreground).fixed_pos(at + Vec2::new(16.0, -12.0));
+        area.constrain(true).show(ui.ctx(), |ui| {
+            egui::Frame::popup(ui.style()).show(ui, |ui| {
+                ui.set_max_width(240.0);
+                ui.horizontal(|ui| {
+                    let (rect, _) = ui.allocate_exact_size(Vec2::splat(34.0), Sense::hover());
+                    gallery.paint(ui.painter(), rect.center(), 16.0, &nodes[node].style);
+                    ui.vertical(|ui| {
+                        ui.label(egui::RichText::new(format!("{value:.0}{unit}, gradient {gradient:.2}")).strong());
+                        let style = gallery.title(&nodes[node].style);
+                        ui.label(theme::small(
+                            ui.ctx(),
+                            format!("Style {style}, node {} of {}", node + 1, nodes.len()),
+                        ));
+                    });
+                });
+                ui.horizontal(|ui| {
+                    if ui.button("New node here").on_hover_text("Puts a node at this value on the curve").clicked() {
+                        insert_node(open, value, 1.0, None, None);
+                        done = true;
+                    }
+                    if ui.button("Show value").on_hover_text("Brings this value into the transfer function").clicked() {
+                        let (low, high) = view.range.unwrap_or((value, value));
+                        if !(low..high).contains(&value) {
+                            view.range = None;
+                        }
+                        done = true;
+                    }
+                });
+            });
+        });
+        if done {
+            self.answer = None;
+        }
+    }
+}
+
+/// The node whose style a picked sample has most of.
+fn nearest_node(open: &OpenFigure, pick: &Pick) -> usize {
+    let num_nodes = open.chosen().map_or(1, |o| o.transfer_function.nodes.len());
+    (pick.node.round().max(0.0) as usize).min(num_nodes - 1)
+}
+
+fn wheel(ui: &Ui, response: &Response, open: &mut OpenFigure, frame: Rect) {
+    let wheel = ui.input(|i| i.smooth_scroll_delta().y);
+    let Some(at) = response.hover_pos().filter(|_| wheel != 0.0 && !open.document.in_gesture()) else { return };
+    let height = f64::from(frame.height().max(1.0));
+    let from_middle = at - frame.center();
+    let place = [f64::from(from_middle.x) / height, -f64::from(from_middle.y) / height];
+    let camera = view::dolly(&open.document.figure().camera, (f64::from(wheel) / 300.0).exp(), place);
+    open.edit(Command::SetCamera(camera));
+}
+
+/// What somebody who does not see the picture is told of it.
+fn describe(figure: &Template) -> String {
+    let [left, right, ..] = view::letters(&figure.camera);
+    let objects: Vec<&str> = figure.objects.iter().filter(|o| o.visible).map(|o| o.title()).collect();
+    let objects = if objects.is_empty() { "Nothing".to_owned() } else { objects.join(", ") };
+    format!("Figure: {objects}, {}, {left} on the left, {right} on the right", view::side(&figure.camera))
+}
+
+fn paint_surroundings(
+    painter: &egui::Painter,
+    frame: Rect,
+    camera: &CameraTemplate,
+    page: &crate::figure::template::Page,
+    ctx: &Context,
+) {
+    let tokens = theme::tokens(ctx);
+    let [left, right, top, bottom] = view::letters(camera);
+    for (letter, at, anchor) in [
+        (left, frame.left_center() - Vec2::X * 6.0, Align2::RIGHT_CENTER),
+        (right, frame.right_center() + Vec2::X * 6.0, Align2::LEFT_CENTER),
+        (top, frame.center_top() - Vec2::Y * 4.0, Align2::CENTER_BOTTOM),
+        (bottom, frame.center_bottom() + Vec2::Y * 4.0, Align2::CENTER_TOP),
+    ] {
+        painter.text(at, anchor, letter, FontId::proportional(14.0), tokens.dim);
+    }
+    let caption = format!("{} x {} mm   {} dpi", shorter(page.width_mm), shorter(page.height_mm), shorter(page.dpi));
+    let at = frame.left_top() - Vec2::Y * 6.0;
+    painter.text(at, Align2::LEFT_BOTTOM, caption, FontId::proportional(11.0), tokens.dim);
+}
+
+/// A cube with a letter on each side, turned as the object is: a click on a side looks at it.
+fn cube(ui: &Ui, open: &mut OpenFigure, center: Pos2) {
+    let (from, right, up) = view::axes(&open.document.figure().camera);
+    let project = |p: DVec3| center + CUBE * Vec2::new(p.dot(right) as f32, -p.dot(up) as f32);
+    let rect = Rect::from_center_size(center, Vec2::splat(3.4 * CUBE));
+    let response = ui.interact(rect, ui.scope_id().with("cube"), Sense::click());
+    response.widget_info(|| WidgetInfo::labeled(Role::Button, true, "Orientation cube"));
+    let tokens = theme::tokens(ui.ctx());
+    let painter = ui.painter();
+    let sides = [
+        ('R', DVec3::X),
+        ('L', DVec3::NEG_X),
+        ('A', DVec3::Y),
+        ('P', DVec3::NEG_Y),
+        ('S', DVec3::Z),
+        ('I', DVec3::NEG_Z),
+    ];
+    let pointer = response.hover_pos().or(response.interact_pointer_pos());
+    let mut chosen = None;
+    for (letter, normal) in sides {
+        let facing = normal.dot(from);
+        if facing < 0.02 {
+            continue;
+        }
+        let (a, b) = (normal.any_orthonormal_pair(), 1.0);
+        let corners = [(b, b), (b, -b), (-b, -b), (-b, b)].map(|(s, t)| project(normal + s * a.0 + t * a.1));
+        let hovered = pointer.is_some_and(|p| contains(&corners, p));
+        if hovered {
+            chosen = Some(normal);
+        }
+        let fill = if hovered { tokens.selected } else { tokens.raised };
+        let fill = fill.lerp_to_gamma(tokens.canvas, 0.5 * (1.0 - facing as f32));
+        painter.add(PathShape::convex_polygon(corners.to_vec(), fill, Stroke::new(1.0, tokens.border)));
+        if facing > 0.25 {
+            let font = FontId::proportional(8.0 + 6.0 * facing as f32);
+            painter.text(project(normal), Align2::CENTER_CENTER, letter, font, tokens.text);
+        }
+    }
+    let response =
+        response.on_hover_text("Click a side to look at it: right, left, anterior, posterior, superior, inferior");
+    if response.clicked()
+        && let Some(direction) = chosen
+    {
+        let camera = view::from_side(&open.document.figure().camera, direction);
+        open.edit(Command::SetCamera(camera));
+    }
+}
+
+/// Whether a point is inside a convex polygon, whichever way around its corners go.
+fn contains(corners: &[Pos2; 4], p: Pos2) -> bool {
+    let side = |i: usize| {
+        let (a, b) = (corners[i], corners[(i + 1) % 4]);
+        (b - a).rot90().dot(p - a)
+    };
+    (0..4).all(|i| side(i) >= 0.0) || (0..4).all(|i| side(i) <= 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn drags_move_the_view_as_elsewhere() {
+        let ctrl = Modifiers { ctrl: true, command: true, ..Modifiers::NONE };
+        for (button, modifiers, space, expected) in [
+            (PointerButton::Primary, Modifiers::NONE, false, Some(Motion::Orbit)),
+            (PointerButton::Middle, Modifiers::NONE, false, Some(Motion::Orbit)),
+            (PointerButton::Middle, Modifiers::SHIFT, false, Some(Motion::Pan)),
+            (PointerButton::Middle, ctrl, false, Some(Motion::Dolly)),
+            (PointerButton::Primary, Modifiers::NONE, true, Some(Motion::Pan)),
+            (PointerButton::Primary, Modifiers::SHIFT, true, Some(Motion::Orbit)),
+            (PointerButton::Primary, ctrl | Modifiers::SHIFT, true, Some(Motion::Roll)),
+            (PointerButton::Secondary, Modifiers::NONE, false, None),
+        ] {
+            assert_eq!(motion(button, modifiers, space), expected, "{button:?} {modifiers:?} {space}");
+        }
+    }
+
+    #[test]
+    fn frames_lie_on_whole_pixels_and_keep_their_aspect() {
+        let area = Rect::from_min_size(Pos2::new(3.3, 7.1), Vec2::new(801.7, 433.3));
+        for (aspect, scale) in [(1.73, 1.0), (0.5, 1.25), (4.0, 2.0)] {
+            let frame = frame_in(area, aspect, scale);
+            assert!(area.expand(1.0).contains_rect(frame));
+            assert!((frame.width() / frame.height() - aspect).abs() < 0.02 * aspect, "{frame}");
+            for x in [frame.left(), frame.top(), frame.right(), frame.bottom()] {
+                let pixels = x * scale;
+                assert!((pixels - pixels.round()).abs() < 1e-2, "{frame} at {scale}");
+            }
+        }
+    }
+}

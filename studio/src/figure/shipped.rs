@@ -1,0 +1,68 @@
+//! The figures that come with the program: places to begin.
+
+use super::Template;
+
+/// A figure with its picture.
+pub struct Shipped {
+    /// The name of its file in `templates/`, without the extension.
+    pub name: &'static str,
+    /// What it shows and what data it is for.
+    pub description: &'static str,
+    text: &'static str,
+    /// A small picture of it, PNG; made by `scripts/thumbnails.sh`.
+    pub picture: &'static [u8],
+}
+
+macro_rules! shipped {
+    ($name:literal, $description:literal) => {
+        Shipped {
+            name: $name,
+            description: $description,
+            text: include_str!(concat!("../../../templates/", $name, ".json")),
+            picture: include_bytes!(concat!("../../../templates/pictures/", $name, ".png")),
+        }
+    };
+}
+
+/// Every one, in the order in which they are offered.
+pub const SHIPPED: &[Shipped] = &[
+    shipped!("head", "CT in HU: bone in ivory"),
+    shipped!("head_glass", "CT in HU: bone under the skin's contour"),
+    shipped!("head_engraving", "CT in HU: an engraving on paper"),
+    shipped!("head_xray", "CT in HU: translucent throughout"),
+];
+
+impl Shipped {
+    /// The figure.
+    ///
+    /// # Panics
+    /// Never: a test reads each of them.
+    #[expect(clippy::expect_used, reason = "what is compiled in is tested")]
+    pub fn figure(&self) -> Template {
+        Template::parse(self.text).expect("shipped templates are valid")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_template_is_offered_and_readable() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../templates");
+        let mut files: Vec<String> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|e| e.unwrap().path())
+            .filter(|p| p.extension().is_some_and(|e| e == "json"))
+            .map(|p| p.file_stem().unwrap().to_string_lossy().into_owned())
+            .collect();
+        files.sort();
+        let mut names: Vec<&str> = SHIPPED.iter().map(|s| s.name).collect();
+        names.sort_unstable();
+        assert_eq!(names, files);
+        for shipped in SHIPPED {
+            assert!(!shipped.figure().title.is_empty() && !shipped.description.is_empty());
+            assert!(fabrica_engine::image_out::decode_png(shipped.picture, std::path::Path::new(shipped.name)).is_ok());
+        }
+    }
+}
