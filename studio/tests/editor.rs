@@ -287,3 +287,493 @@ fn make_unwritable(path: &Path) {
     std::fs::remove_file(path).unwrap();
     std::fs::create_dir(path).unwrap();
 }
+
+/// A ball of 200 in a shell of 60 in nothing, dressed in two styles.
+const BALL: &str = r##"{
+  "fabrica": 1,
+  "volumes": [{"name": "ball", "file": "ball.raw", "raw": "16x16x16xuint8"}],
+  "objects": [{"volume": "ball", "transfer_function": {"domain": "data", "nodes": [
+    {"at": 20, "style": "clay", "opacity": 0.0}, {"at": 120, "style": "clay", "opacity": 0.1},
+    {"at": 130, "style": "bone", "opacity": 0.9}, {"at": 180, "style": "bone", "opacity": 1.0}]}}],
+  "camera": {"from": [0.0, 1.0, 0.0], "height": 2.0},
+  "quality": "draft",
+  "background": "#ffffff",
+  "figure": {"width_mm": 20.0, "height_mm": 20.0, "dpi": 100.0}
+}"##;
+
+impl Place {
+    fn with_ball() -> Self {
+        let place = Self::new();
+        let voxel = |i: usize| {
+            let at = [i % 16, i / 16 % 16, i / 256].map(|n| n as f32 - 7.5);
+            match at.iter().map(|x| x * x).sum::<f32>().sqrt() {
+                r if r < 5.0 => 200u8,
+                r if r < 7.0 => 60,
+                _ => 0,
+            }
+        };
+        std::fs::write(place.path("ball.raw"), (0..4096).map(voxel).collect::<Vec<u8>>()).unwrap();
+        std::fs::write(place.path("figure.json"), BALL).unwrap();
+        place
+    }
+}
+
+type Window = Harness<'static, Option<Editor>>;
+
+fn nodes(harness: &Window) -> Vec<(f64, String, f64)> {
+    let figure = figure(harness);
+    figure.objects[0].transfer_function.nodes.iter().map(|n| (n.at, n.style.clone(), n.opacity)).collect()
+}
+
+fn labels(harness: &Window) -> Vec<String> {
+    editor(harness).document().unwrap().labels().map(str::to_owned).collect()
+}
+
+/// The middle of what is called so; of a field rather than of the label before it.
+fn middle(harness: &Window, label: &str) -> Pos2 {
+    let found = harness.query_all_by_label(label).last();
+    found.unwrap_or_else(|| panic!("nothing is called {label}")).rect().center()
+}
+
+fn click(harness: &mut Window, at: Pos2) {
+    let press =
+        |pressed| Event::PointerButton { pos: at, button: PointerButton::Primary, pressed, modifiers: Modifiers::NONE };
+    harness.event(Event::PointerMoved(at));
+    harness.step();
+    harness.event(press(true));
+    harness.step();
+    harness.event(press(false));
+    harness.step();
+    harness.step();
+}
+
+fn click_on(harness: &mut Window, label: &str) {
+    let at = middle(harness, label);
+    click(harness, at);
+}
+
+fn drag_from(harness: &mut Window, from: Pos2, to: Pos2) {
+    drag_between(harness, PointerButton::Primary, Modifiers::NONE, from, to, true);
+}
+
+fn undo_all(harness: &mut Window) {
+    while editor(harness).document().unwrap().undo_label().is_some() {
+        run(harness, UiCommand::Undo);
+    }
+}
+
+#[test]
+fn nodes_are_dragged_inserted_copied_and_removed() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    let first = figure(&harness);
+    let start = middle(&harness, "Node 3 at 130");
+    drag_from(&mut harness, start, start + Vec2::new(30.0, 20.0));
+    let moved = nodes(&harness)[2].clone();
+    assert!(moved.0 > 140.0 && moved.0 < 180.0 && moved.2 < 0.8, "{moved:?}");
+    assert_eq!(labels(&harness).len(), 1, "one drag is one step");
+    // It never passes its neighbors.
+    let start = middle(&harness, &format!("Node 3 at {}", moved.0));
+    drag_from(&mut harness, start, start + Vec2::new(500.0, 0.0));
+    assert_eq!(nodes(&harness)[2].0, 180.0);
+    run(&mut harness, UiCommand::Undo);
+    // Shift makes it fine.
+    let start = middle(&harness, &format!("Node 3 at {}", moved.0));
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::SHIFT, start, start + Vec2::new(30.0, 0.0), true);
+    let fine = nodes(&harness)[2].0 - moved.0;
+    assert!(fine > 0.5 && fine < 0.3 * (moved.0 - 130.0), "{fine}");
+    // Alt leaves a copy behind.
+    let start = middle(&harness, &format!("Node 3 at {}", nodes(&harness)[2].0));
+    let before = nodes(&harness);
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::ALT, start, start - Vec2::new(15.0, 0.0), true);
+    let after = nodes(&harness);
+    assert!(after.len() == 5 && after[3] == before[2] && after[2].0 < before[2].0, "{after:?}");
+    // The chosen one goes with the key.
+    harness.key_press(Key::Delete);
+    harness.step();
+    assert_eq!(nodes(&harness), before);
+    // A double click puts one where it is.
+    let canvas = harness.get_by_label("Plot of the transfer function").rect();
+    let at = Pos2::new(middle(&harness, "Node 2 at 120").x - 40.0, canvas.center().y);
+    harness.event(Event::PointerMoved(at));
+    harness.step();
+    // A step takes longer than a double click may.
+    for pressed in [true, false, true, false] {
+        let modifiers = Modifiers::NONE;
+        harness.event(Event::PointerButton { pos: at, button: PointerButton::Primary, pressed, modifiers });
+    }
+    harness.step();
+    harness.step();
+    let after = nodes(&harness);
+    assert!(after.len() == 5 && after[1].0 > 20.0 && after[1].0 < 120.0 && after[1].1 == "clay", "{after:?}");
+    assert!(after[1].2 > 0.2 && after[1].2 < 0.8, "its opacity is the pointer's: {after:?}");
+    // Escape gives a drag up.
+    let (start, before) = (middle(&harness, "Node 1 at 20"), nodes(&harness));
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, start, start - Vec2::new(30.0, 30.0), false);
+    assert!(nodes(&harness) != before);
+    harness.key_press(Key::Escape);
+    harness.step();
+    assert_eq!(nodes(&harness), before);
+    undo_all(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), first.to_json().unwrap());
+}
+
+#[test]
+fn numbers_are_typed_with_their_units() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    click_on(&mut harness, "Node 2 at 120");
+    for (label, typed) in [("Node value", "2*55 HU"), ("Node opacity", "25 %")] {
+        click_on(&mut harness, label);
+        harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+        harness.event(Event::Text(typed.to_owned()));
+        harness.step();
+        harness.key_press(Key::Enter);
+        harness.step();
+        harness.step();
+    }
+    assert_eq!(nodes(&harness)[1], (110.0, "clay".to_owned(), 0.25));
+    click_on(&mut harness, "Smooth shading");
+    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    harness.event(Event::Text("2,5 mm".to_owned()));
+    harness.step();
+    harness.key_press(Key::Enter);
+    harness.step();
+    assert_eq!(figure(&harness).objects[0].gradient_scale_mm, Some(2.5));
+    assert_eq!(labels(&harness).len(), 3);
+}
+
+#[test]
+fn styles_fall_on_materials_between_nodes_and_on_the_picture() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    let brass = |harness: &Window| harness.query_all_by_label("Style Brass").next().unwrap().rect().center();
+    // The gallery shows what is searched.
+    click_on(&mut harness, "Find a style");
+    harness.event(Event::Text("brass".to_owned()));
+    harness.step();
+    harness.step();
+    let from = brass(&harness);
+    let bone = middle(&harness, "Material 2: Bone");
+    drag_from(&mut harness, from, bone);
+    let styles = |harness: &Window| nodes(harness).into_iter().map(|n| n.1).collect::<Vec<_>>();
+    assert_eq!(styles(&harness), ["clay", "clay", "brass", "brass"]);
+    assert_eq!(labels(&harness), ["Dress in brass"]);
+    run(&mut harness, UiCommand::Undo);
+    // On a node it is for this node only.
+    let (from, node) = (brass(&harness), middle(&harness, "Node 4 at 180"));
+    drag_from(&mut harness, from, node);
+    assert_eq!(styles(&harness), ["clay", "clay", "bone", "brass"]);
+    run(&mut harness, UiCommand::Undo);
+    // Between nodes it becomes one, on the curve.
+    let canvas = harness.get_by_label("Plot of the transfer function").rect();
+    let between =
+        Pos2::new(0.5 * (middle(&harness, "Node 1 at 20").x + middle(&harness, "Node 2 at 120").x), canvas.center().y);
+    let from = brass(&harness);
+    drag_from(&mut harness, from, between);
+    let after = nodes(&harness);
+    assert!(after.len() == 5 && after[1].1 == "brass" && (after[1].2 - 0.05).abs() < 0.02, "{after:?}");
+    run(&mut harness, UiCommand::Undo);
+    // On the picture it dresses what is seen there: the ball, through the faint shell.
+    let from = brass(&harness);
+    drag_from(&mut harness, from, MIDDLE);
+    assert_eq!(styles(&harness), ["clay", "clay", "brass", "brass"]);
+    // A miss changes nothing.
+    let from = brass(&harness);
+    let corner = harness.query_all_by_label_contains("Figure: ").next().unwrap().rect().left_top() + Vec2::splat(5.0);
+    drag_from(&mut harness, from, corner);
+    assert_eq!(labels(&harness), ["Dress in brass"]);
+    // A click dresses the chosen node.
+    click_on(&mut harness, "Node 1 at 20");
+    let at = brass(&harness);
+    click(&mut harness, at);
+    assert_eq!(styles(&harness), ["brass", "clay", "brass", "brass"]);
+}
+
+#[test]
+fn a_click_tells_what_is_there_and_makes_a_node_of_it() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    click(&mut harness, MIDDLE);
+    assert!(harness.query_by_label_contains("gradient").is_some(), "no answer");
+    assert!(
+        harness.query_by_label("Style Bone, node 4 of 4").is_some()
+            || harness.query_by_label("Style Bone, node 3 of 4").is_some()
+    );
+    assert!(harness.unnamed_widgets().is_empty());
+    assert!(editor(&harness).document().unwrap().undo_label().is_none(), "asking is no edit");
+    let before = figure(&harness);
+    click_on(&mut harness, "New node here");
+    assert_eq!(nodes(&harness).len(), 5);
+    assert!(harness.query_by_label_contains("gradient").is_none(), "the answer stays open");
+    run(&mut harness, UiCommand::Undo);
+    assert_eq!(figure(&harness), before);
+    // Escape closes the answer and changes nothing.
+    click(&mut harness, MIDDLE);
+    assert!(harness.query_by_label_contains("gradient").is_some());
+    harness.key_press(Key::Escape);
+    harness.step();
+    harness.step();
+    assert!(harness.query_by_label_contains("gradient").is_none());
+}
+
+#[test]
+fn objects_are_named_and_hidden_and_history_goes_anywhere() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    harness.key_press(Key::F2);
+    harness.step();
+    harness.step();
+    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    harness.event(Event::Text("Skull".to_owned()));
+    harness.step();
+    harness.key_press(Key::Enter);
+    harness.step();
+    harness.step();
+    assert_eq!(figure(&harness).objects[0].name, "Skull");
+    harness.key_press(Key::H);
+    harness.step();
+    assert!(!figure(&harness).objects[0].visible);
+    settle(&mut harness);
+    assert_eq!(editor(&harness).banner(), None, "an empty figure is a figure");
+    run(&mut harness, UiCommand::FromLeft);
+    run(&mut harness, UiCommand::History);
+    harness.step();
+    assert!(harness.unnamed_widgets().is_empty());
+    click_on(&mut harness, "Rename to Skull");
+    assert!(figure(&harness).objects[0].visible && figure(&harness).camera.from == [0.0, 1.0, 0.0]);
+    click_on(&mut harness, "Move view");
+    assert!(!figure(&harness).objects[0].visible && figure(&harness).camera.from == [-1.0, 0.0, 0.0]);
+    click_on(&mut harness, "As it was opened");
+    assert_eq!(figure(&harness), Template::parse(BALL).unwrap());
+    // Letters belong to a field that has the focus.
+    click_on(&mut harness, "Find a style");
+    harness.key_press(Key::H);
+    harness.step();
+    assert!(figure(&harness).objects[0].visible);
+    settle(&mut harness);
+}
+
+#[test]
+fn a_missing_volume_is_found_again() {
+    let place = Place::with_ball();
+    std::fs::create_dir_all(place.path("deep/er")).unwrap();
+    std::fs::rename(place.path("ball.raw"), place.path("deep/er/ball.raw")).unwrap();
+    let mut harness = harness(Some(place.path("figure.json")));
+    settle(&mut harness);
+    assert!(harness.query_all_by_label_contains("ball.raw").count() > 0);
+    assert!(harness.unnamed_widgets().is_empty());
+    // What does not need the volume works without it.
+    run(&mut harness, UiCommand::FromLeft);
+    click_on(&mut harness, "Node 2 at 120");
+    harness.key_press(Key::Delete);
+    harness.step();
+    assert_eq!(nodes(&harness).len(), 3);
+    click_on(&mut harness, "Search the figure's folder");
+    settle(&mut harness);
+    // A raw file says nothing of itself: its layout stays the slot's.
+    assert_eq!(editor(&harness).banner(), None);
+    assert!(figure(&harness).volumes[0].file.ends_with("deep/er/ball.raw"), "{}", figure(&harness).volumes[0].file);
+    assert!(harness.query_by_label("Search the figure's folder").is_none());
+    // Undo brings the missing file back, redo the found one.
+    run(&mut harness, UiCommand::Undo);
+    settle(&mut harness);
+    harness.step();
+    assert!(harness.query_by_label("Search the figure's folder").is_some());
+    run(&mut harness, UiCommand::Redo);
+    settle(&mut harness);
+    assert!(harness.query_by_label("Search the figure's folder").is_none());
+}
+
+#[test]
+fn a_lost_device_is_replaced() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    editor(&harness).painter().lose_device();
+    run(&mut harness, UiCommand::FromLeft);
+    settle(&mut harness);
+    assert_eq!((editor(&harness).banner(), editor(&harness).notice()), (None, "Graphics device restarted"));
+}
+
+#[derive(Debug)]
+struct Dropped(PathBuf);
+
+impl eframe::egui::DroppedFile for Dropped {
+    fn path(&self) -> &Path {
+        &self.0
+    }
+
+    fn bytes(&self) -> Result<Vec<u8>, String> {
+        std::fs::read(&self.0).map_err(|e| e.to_string())
+    }
+}
+
+fn drop_files(harness: &mut Window, paths: &[PathBuf]) {
+    let files = paths.iter().map(|p| std::sync::Arc::new(Dropped(p.clone())) as eframe::egui::DroppedFileHandle);
+    harness.input_mut().dropped_files = files.collect();
+    harness.step();
+    harness.input_mut().dropped_files.clear();
+    harness.step();
+}
+
+#[test]
+fn dropped_files_are_opened_or_used() {
+    let place = Place::with_ball();
+    let nrrd = place.path("other.nrrd");
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 8 8\nencoding: raw\n\n";
+    std::fs::write(&nrrd, [header.as_bytes(), &[150u8; 512]].concat()).unwrap();
+    let mut harness = harness(None);
+    harness.step();
+    drop_files(&mut harness, &[place.path("figure.json")]);
+    settle(&mut harness);
+    assert_eq!(figure(&harness), Template::parse(BALL).unwrap());
+    // A volume on an open figure: in it, which can be undone.
+    drop_files(&mut harness, std::slice::from_ref(&nrrd));
+    assert!(harness.unnamed_widgets().is_empty());
+    click_on(&mut harness, "Use in this figure");
+    settle(&mut harness);
+    let slot = figure(&harness).volumes[0].clone();
+    assert!(slot.file.ends_with("other.nrrd") && slot.raw.is_none(), "{slot:?}");
+    run(&mut harness, UiCommand::Undo);
+    assert_eq!(figure(&harness), Template::parse(BALL).unwrap());
+    // Or by itself.
+    drop_files(&mut harness, std::slice::from_ref(&nrrd));
+    click_on(&mut harness, "Open by itself");
+    settle(&mut harness);
+    assert_eq!(figure(&harness).volumes[0].file, nrrd.display().to_string());
+    assert!(figure(&harness) != Template::parse(BALL).unwrap());
+    // A figure with a volume: its look, as a new figure.
+    drop_files(&mut harness, &[place.path("figure.json"), nrrd.clone()]);
+    settle(&mut harness);
+    assert_eq!(nodes(&harness).len(), 4);
+    assert_eq!(figure(&harness).volumes[0].file, nrrd.display().to_string());
+    run(&mut harness, UiCommand::Save);
+    harness.step();
+    assert!(harness.query_by_label("Save the figure as").is_some(), "a new figure is not written over the old one");
+    assert_eq!(std::fs::read_to_string(place.path("figure.json")).unwrap(), BALL);
+}
+
+#[test]
+fn what_a_crash_leaves_is_offered_and_restored() {
+    let place = Place::with_ball();
+    let state = place.path("state");
+    let window = |file: Option<PathBuf>| {
+        let state = state.clone();
+        let app = move |ui: &mut eframe::egui::Ui, editor: &mut Option<Editor>| {
+            let ctx = ui.ctx().clone();
+            let editor = editor.get_or_insert_with(|| {
+                let session = fabrica_studio::editor::session::Session::open(Some(state.clone()));
+                let files = file.iter().cloned().collect();
+                Editor::new(&ctx, Options { files, session, ..Options::plain(AdapterChoice::Software) })
+            });
+            editor.ui(ui);
+        };
+        Harness::builder().with_size(Vec2::new(1000.0, 700.0)).build_ui_state(app, None)
+    };
+    let mut first = window(Some(place.path("figure.json")));
+    settle(&mut first);
+    run(&mut first, UiCommand::FromLeft);
+    let changed = figure(&first);
+    // The program goes without anybody being asked.
+    first.state_mut().as_mut().unwrap().leave();
+    drop(first);
+    assert_eq!(Template::read(&place.path("figure.json")).unwrap(), Template::parse(BALL).unwrap());
+
+    let mut second = window(None);
+    second.step();
+    assert!(second.unnamed_widgets().is_empty());
+    click_on(&mut second, "Restore");
+    settle(&mut second);
+    assert_eq!(figure(&second), changed);
+    assert!(editor(&second).document().unwrap().is_changed());
+    run(&mut second, UiCommand::Save);
+    assert_eq!(Template::read(&place.path("figure.json")).unwrap(), changed);
+    // Saved, it is not offered again, but it is among the recent ones.
+    run(&mut second, UiCommand::New);
+    second.step();
+    assert!(second.query_by_label("Restore").is_none() && editor(&second).document().is_none());
+    assert!(second.query_all_by_label_contains("figure: ").count() == 1, "no recent figure");
+}
+
+#[test]
+fn the_start_page_begins_figures_that_are_nobodys_file() {
+    let mut harness = harness(None);
+    harness.step();
+    assert!(harness.unnamed_widgets().is_empty());
+    let card = harness.query_all_by_label_contains("Skull: ").next().unwrap().rect().center();
+    click(&mut harness, card);
+    settle(&mut harness);
+    assert_eq!(figure(&harness).title, "Skull");
+    run(&mut harness, UiCommand::Save);
+    harness.step();
+    assert!(harness.query_by_label("Save the figure as").is_some());
+    assert!(harness.unnamed_widgets().is_empty());
+}
+
+/// The same walk on every machine.
+struct Dice(u64);
+
+impl Dice {
+    fn below(&mut self, n: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((self.0 >> 33) as usize) % n
+    }
+}
+
+#[test]
+fn a_random_walk_through_the_window_can_be_undone_to_its_first_byte() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    let first = figure(&harness).to_json().unwrap();
+    let commands: Vec<UiCommand> = UiCommand::ALL
+        .iter()
+        .copied()
+        .filter(|c| !matches!(c, UiCommand::Quit | UiCommand::New | UiCommand::Save))
+        .collect();
+    let mut dice = Dice(7);
+    for step in 0..120 {
+        let place = |dice: &mut Dice| Pos2::new(20.0 + dice.below(960) as f32, 40.0 + dice.below(640) as f32);
+        match dice.below(4) {
+            0 => {
+                let (from, to) = (place(&mut dice), place(&mut dice));
+                let released = dice.below(4) > 0;
+                drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, from, to, released);
+                if !released {
+                    harness.key_press(Key::Escape);
+                    harness.step();
+                    let up = Event::PointerButton {
+                        pos: to,
+                        button: PointerButton::Primary,
+                        pressed: false,
+                        modifiers: Modifiers::NONE,
+                    };
+                    harness.event(up);
+                    harness.step();
+                }
+            }
+            1 => {
+                let at = place(&mut dice);
+                click(&mut harness, at);
+            }
+            _ => {
+                let command = commands[dice.below(commands.len())];
+                run(&mut harness, command);
+                // Whatever asks something is answered with no.
+                harness.key_press(Key::Escape);
+                harness.step();
+                harness.step();
+            }
+        }
+        assert_eq!(editor(&harness).banner(), None, "step {step}");
+        let document = editor(&harness).document().unwrap_or_else(|| panic!("step {step} closed the figure"));
+        assert!(!document.in_gesture(), "step {step} leaves a gesture open");
+        let text = document.figure().to_json().unwrap();
+        assert_eq!(Template::parse(&text).unwrap(), **document.figure(), "step {step}");
+        let unnamed = harness.unnamed_widgets();
+        assert!(unnamed.is_empty(), "step {step}: {unnamed:?}");
+    }
+    assert!(editor(&harness).document().unwrap().labels().count() > 5);
+    undo_all(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), first);
+    settle(&mut harness);
+}

@@ -210,6 +210,8 @@ impl GpuContext {
 
     /// Whether the device is gone (a driver's reset, a sleeping laptop): nothing works with it any more, a new context may.
     pub fn is_lost(&self) -> bool {
+        // What was lost is told when the device is asked how it is.
+        let _ = self.device.poll(wgpu::PollType::Poll);
         self.lost.load(Ordering::Relaxed)
     }
 

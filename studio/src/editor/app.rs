@@ -922,7 +922,7 @@ impl Editor {
                     history::show(ui, open);
                     ui.separator();
                 }
-                egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+                egui::ScrollArea::vertical().id_salt("properties").auto_shrink(false).show(ui, |ui| {
                     wants_volume = properties::show(ui, open);
                 });
             });

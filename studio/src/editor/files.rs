@@ -122,12 +122,16 @@ fn dress(mut figure: Template, from: &Path, others: &[&PathBuf], progress: &Prog
     load_figure(figure, None, progress)
 }
 
-/// A slot with another file in it.
+/// A slot with another file in it. A file of the same name is the same, elsewhere; one of the same kind may have the layout
+/// that the old one has, if it does not say so itself.
 ///
 /// # Errors
 /// One sentence if the path is not UTF-8.
 pub fn slot_for(slot: &VolumeSlot, path: &Path) -> Result<VolumeSlot> {
-    Ok(VolumeSlot { file: file_name(path)?, frame: 0, raw: None, ..slot.clone() })
+    let old = Path::new(&slot.file);
+    let frame = if old.file_name() == path.file_name() { slot.frame } else { 0 };
+    let raw = slot.raw.clone().filter(|_| old.extension() == path.extension());
+    Ok(VolumeSlot { file: file_name(path)?, frame, raw, ..slot.clone() })
 }
 
 /// Reads the volume of a slot.

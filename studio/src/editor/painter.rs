@@ -4,6 +4,7 @@
 //! It has a device of its own, apart from the window's: nothing that it draws can hold the window up, a lost device is its
 //! own affair, and new pipelines compile here.
 
+use std::panic::AssertUnwindSafe;
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -76,7 +77,7 @@ pub enum Update {
         /// The estimate.
         codes: f64,
     },
-    /// The device was lost, and another one has taken its place.
+    /// The device was lost; another one takes its place.
     Restarted,
     /// The figure cannot be drawn: one sentence.
     Failed {
@@ -225,17 +226,21 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, styles: &StyleLi
             }
         };
         let mut once = |renderer: &mut Option<Renderer>| {
-            open(renderer, choice, tell)
-                .and_then(|renderer| draw(renderer, number, &request, styles, &mut pace, &progress, tell))
+            let work = AssertUnwindSafe(|| {
+                open(renderer, choice, tell)
+                    .and_then(|renderer| draw(renderer, number, &request, styles, &mut pace, &progress, tell))
+            });
+            // wgpu's helpers panic where a device is lost between two calls. The window must not lose its painter by that.
+            std::panic::catch_unwind(work).unwrap_or_else(|_| {
+                Err(anyhow::anyhow!("the graphics device failed while drawing; change something to try again"))
+            })
         };
         let mut outcome = once(&mut renderer);
         if outcome.is_err() && renderer.as_ref().is_some_and(|r| r.context().is_lost()) {
             // The volume goes to a new device, and the picture is begun again.
             renderer = None;
+            tell(Update::Restarted);
             outcome = once(&mut renderer);
-            if outcome.is_ok() {
-                tell(Update::Restarted);
-            }
         }
         if let Err(error) = outcome
             && !error.downcast_ref::<Error>().is_some_and(|e| matches!(e, Error::Cancelled))

@@ -70,8 +70,8 @@ pub struct Contents<'a> {
 }
 
 /// A card: a picture with two lines below.
-const CARD: Vec2 = Vec2::new(216.0, 228.0);
-const PICTURE: f32 = 180.0;
+const CARD: Vec2 = Vec2::new(216.0, 264.0);
+const PICTURE: f32 = 216.0;
 
 /// The page.
 pub fn show(ui: &mut Ui, contents: &Contents<'_>, pictures: &mut Pictures) -> Option<Choice> {
@@ -218,7 +218,7 @@ fn card(ui: &mut Ui, picture: Option<&TextureHandle>, title: &str, below: &str, 
     response.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("{title}: {below}")));
     let painter = ui.painter_at(rect);
     painter.rect_filled(rect, 4.0, tokens.panel);
-    let top = Rect::from_min_size(rect.min, Vec2::new(rect.width(), PICTURE));
+    let top = Rect::from_min_size(rect.min, Vec2::new(rect.width(), PICTURE)).shrink(1.0);
     if let Some(picture) = picture {
         // As much of its middle as fills the place.
         let [w, h] = picture.size().map(|n| n as f32);

@@ -32,7 +32,7 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut 
         let words = format!("{} {} {}", info.title, info.tags.join(" "), info.description).to_lowercase();
         wanted.split_whitespace().all(|w| words.contains(w)).then_some(())
     };
-    ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+    ScrollArea::vertical().id_salt("gallery").auto_shrink(false).show(ui, |ui| {
         let groups = [
             ("In this figure", used.iter().map(String::as_str).filter(|n| found(n).is_some()).collect::<Vec<_>>()),
             ("All styles", library.infos().map(|i| i.name.as_str()).filter(|n| found(n).is_some()).collect()),

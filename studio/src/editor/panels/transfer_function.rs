@@ -258,7 +258,7 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut Fu
     let plot = Plot { rect, low, high };
 
     let response = ui.allocate_rect(area, Sense::click_and_drag());
-    response.widget_info(|| WidgetInfo::labeled(Role::Canvas, true, "Transfer function"));
+    response.widget_info(|| WidgetInfo::labeled(Role::Canvas, true, "Plot of the transfer function"));
     look_around(ui, &response, plot, view);
     if response.double_clicked()
         && let Some(at) = response.interact_pointer_pos().filter(|p| rect.contains(*p))
