@@ -40,6 +40,9 @@ impl Place {
     }
 }
 
+/// Seconds from frame to frame: two clicks in successive ones are a double click.
+const STEP: f32 = 1.0 / 60.0;
+
 fn harness(file: Option<PathBuf>) -> Harness<'static, Option<Editor>> {
     let app = move |ui: &mut eframe::egui::Ui, state: &mut Option<Editor>| {
         let ctx = ui.ctx().clone();
@@ -49,7 +52,7 @@ fn harness(file: Option<PathBuf>) -> Harness<'static, Option<Editor>> {
         });
         editor.ui(ui);
     };
-    Harness::builder().with_size(Vec2::new(1000.0, 700.0)).build_ui_state(app, None)
+    Harness::builder().with_size(Vec2::new(1000.0, 700.0)).with_step_dt(STEP).build_ui_state(app, None)
 }
 
 fn editor<'a>(harness: &'a Harness<'static, Option<Editor>>) -> &'a Editor {
@@ -397,13 +400,8 @@ fn nodes_are_dragged_inserted_copied_and_removed() {
     let at = Pos2::new(middle(&harness, "Node 2 at 120").x - 40.0, canvas.center().y);
     harness.event(Event::PointerMoved(at));
     harness.step();
-    // A step takes longer than a double click may.
-    for pressed in [true, false, true, false] {
-        let modifiers = Modifiers::NONE;
-        harness.event(Event::PointerButton { pos: at, button: PointerButton::Primary, pressed, modifiers });
-    }
-    harness.step();
-    harness.step();
+    click(&mut harness, at);
+    click(&mut harness, at);
     let after = nodes(&harness);
     assert!(after.len() == 5 && after[1].0 > 20.0 && after[1].0 < 120.0 && after[1].1 == "clay", "{after:?}");
     assert!(after[1].2 > 0.2 && after[1].2 < 0.8, "its opacity is the pointer's: {after:?}");
@@ -668,7 +666,7 @@ fn what_a_crash_leaves_is_offered_and_restored() {
             });
             editor.ui(ui);
         };
-        Harness::builder().with_size(Vec2::new(1000.0, 700.0)).build_ui_state(app, None)
+        Harness::builder().with_size(Vec2::new(1000.0, 700.0)).with_step_dt(STEP).build_ui_state(app, None)
     };
     let mut first = window(Some(place.path("figure.json")));
     settle(&mut first);
