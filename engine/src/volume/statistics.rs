@@ -98,6 +98,23 @@ impl Statistics {
         self.value_of_share(p, self.num_background)
     }
 
+    /// The percent of the finite voxels whose value is at most `value`: what [`Statistics::percentile`] inverts, to its
+    /// precision. 0 for a volume without a finite voxel.
+    pub fn percentile_rank(&self, value: f64) -> f64 {
+        self.rank(value, 0)
+    }
+
+    /// As [`Statistics::percentile_rank`], over the voxels above the background only.
+    pub fn percentile_rank_above_background(&self, value: f64) -> f64 {
+        self.rank(value, self.num_background)
+    }
+
+    fn rank(&self, value: f64, skipped: u64) -> f64 {
+        let num_bins = self.bins.partition_point(|bin| bin.high <= value);
+        let below = num_bins.checked_sub(1).map_or(0, |i| self.bins[i].cumulative);
+        100.0 * below.saturating_sub(skipped) as f64 / (self.num_finite - skipped).max(1) as f64
+    }
+
     /// Finite voxels above the background (all of a constant volume).
     pub fn num_above_background(&self) -> u64 {
         self.num_finite - self.num_background
@@ -634,6 +651,21 @@ mod tests {
             }
             assert!(backgrounds.windows(2).all(|b| b[0] == b[1]), "{backgrounds:?}");
         }
+    }
+
+    #[test]
+    fn ranks_invert_percentiles() {
+        let s = compute(Voxels::U8((0..100).collect()), Rescale { slope: 2.0, intercept: -10.0 });
+        assert_eq!(s.percentile_rank(-10.5), 0.0);
+        assert_eq!(s.percentile_rank(-10.0), 1.0);
+        assert_eq!(s.percentile_rank(-8.5), 1.0);
+        assert_eq!(s.percentile_rank(500.0), 100.0);
+        assert_eq!(s.percentile_rank_above_background(s.background), 0.0);
+        assert_eq!(s.percentile_rank_above_background(s.max), 100.0);
+        for p in [1.0, 25.0, 50.0, 99.0] {
+            assert_eq!(s.percentile_rank(s.percentile(p)), p);
+        }
+        assert_eq!(compute(Voxels::F32(vec![f32::NAN; 3]), Rescale::IDENTITY).percentile_rank(0.0), 0.0);
     }
 
     /// Many voxels of a wide type, so that they are binned.
