@@ -10,7 +10,7 @@ use fabrica_engine::read::ReadOptions;
 use fabrica_engine::volume::Volume;
 use fabrica_engine::{Error, Progress};
 
-use crate::figure::first_look::first_look;
+use crate::figure::first_look::{self, first_look};
 use crate::figure::source::VolumeSource;
 use crate::figure::{Template, bridge};
 
@@ -85,7 +85,7 @@ pub fn load(path: &Path, progress: &Progress) -> Result<Loaded> {
         VolumeSource::Path(path) => std::path::absolute(path)?.display().to_string(),
         VolumeSource::Specimen { .. } => name.to_owned(),
     };
-    let figure = first_look(&volume, &file, progress)?;
+    let figure = first_look(&volume, first_look::slot(file), progress)?;
     Ok(Loaded { figure, notes: volume.warnings.clone(), volumes: vec![volume] })
 }
 
