@@ -123,6 +123,42 @@ fn volumes_fill_the_slots() {
 }
 
 #[test]
+fn a_bare_volume_gets_a_template_that_can_be_drawn() {
+    let place = Place::new();
+    // Two frames of a bright block, one voxel from the edge; the second one is brighter.
+    let block = |i: usize, value: u8| {
+        let inside = [i % 8, i / 8 % 8, i / 64 % 8].iter().all(|n| (1..7).contains(n));
+        if inside { value + (i * 7 % 32) as u8 } else { 0 }
+    };
+    std::fs::create_dir(place.path("data")).unwrap();
+    std::fs::write(place.path("data/scan.raw"), (0..512).map(|i| block(i, 100)).collect::<Vec<u8>>()).unwrap();
+    let layout = "8x8x8xuint8,2x2x2";
+    let output = place.run(&["template", "data/scan.raw", "--raw", layout, "--out", "look.json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let template = json_file(&place.path("look.json"));
+    assert_eq!(template["volumes"][0]["file"], "data/scan.raw", "named from the template's folder");
+    assert_eq!(template["volumes"][0]["raw"], layout);
+    assert_eq!(template["background"], "#ffffff");
+    let render = ["render", "look.json", "--out", "a.png", "--adapter", "software", "--dpi", "10"];
+    let output = place.run(&render);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(png_facts(&place.path("a.png")).0, 68, "173 mm at 10 dpi");
+
+    // NRRD with a frame axis.
+    let header = "NRRD0004\ntype: uint8\ndimension: 4\nsizes: 8 8 8 2\nencoding: raw\n\n";
+    let frames = (0..1024).map(|i| block(i, if i < 512 { 100 } else { 150 }));
+    std::fs::write(place.path("frames.nrrd"), header.bytes().chain(frames).collect::<Vec<u8>>()).unwrap();
+    let output = place.run(&["template", "frames.nrrd", "--frame", "1", "--out", "look.json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(json_file(&place.path("look.json"))["volumes"][0]["frame"], 1);
+    assert!(place.run(&render).status.success());
+
+    let output = place.run(&["template", "specimen:head@32", "--out", "look.json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(json_file(&place.path("look.json"))["volumes"][0]["file"], "specimen:head@32");
+}
+
+#[test]
 fn specimens_need_no_file_and_are_cached() {
     let place = Place::new();
     let arguments = ["render", "figure.json", "--volume", "specimen:head@32", "--out", "c.png"];
@@ -159,6 +195,12 @@ fn faults_are_one_sentence_and_leave_nothing() {
         (vec!["render", "figure.json", "--out", "a.png", "--max-error", "1e-9"], 1, "the best is"),
         (vec!["render", "figure.json", "--out", "a.png", "--budget-ms", "1e-9"], 1, "the fastest that can be had"),
         (vec!["render", "block.raw", "--out", "a.png"], 1, "template"),
+        (vec!["template", "nowhere.nii", "--out", "a.json"], 1, "nowhere.nii"),
+        (vec!["template", "block.raw", "--out", "a.json"], 1, "--raw"),
+        (vec!["template", "block.raw", "--raw", "nonsense", "--out", "a.json"], 2, "nonsense"),
+        (vec!["template", "block.raw", "--out", "a.png"], 2, "ending .json"),
+        (vec!["template", "block.raw", "--out", "no/such/a.json"], 1, "create it first"),
+        (vec!["template", "specimen:head@x", "--out", "a.json"], 2, "specimen:head@128"),
         (vec!["inspect", "block.raw"], 1, "--raw"),
         (vec!["inspect", "block.raw", "--raw", "9x9x9xuint8"], 1, "512"),
         (vec!["inspect", "block.raw", "--raw", "nonsense"], 2, "nonsense"),
@@ -218,7 +260,10 @@ fn inspect_schema_and_adapters_speak_json() {
 fn help_names_every_option() {
     let place = Place::new();
     for (command, words) in [
-        (vec!["--help"], vec!["open", "render", "measure", "bench", "inspect", "adapters", "styles", "schema"]),
+        (
+            vec!["--help"],
+            vec!["open", "render", "template", "measure", "bench", "inspect", "adapters", "styles", "schema"],
+        ),
         (
             vec!["render", "--help"],
             vec![
@@ -236,6 +281,7 @@ fn help_names_every_option() {
             ],
         ),
         (vec!["inspect", "--help"], vec!["--json", "--raw"]),
+        (vec!["template", "--help"], vec!["--raw", "--frame", "--out"]),
         (
             vec!["measure", "--help"],
             vec!["--volume", "--raw", "--frame", "--size", "--frames", "--adapter", "--json", "--plot"],

@@ -98,15 +98,23 @@ impl Statistics {
         self.value_of_share(p, self.num_background)
     }
 
-    /// The percentile, 0 to 100, of `value` among the voxels above the background: how many of them, in percent, do not
-    /// exceed it. The inverse of [`Statistics::percentile_above_background`] as far as there is one: a value that many
-    /// voxels share has the percentile of the last of them, one that no voxel has that of the next smaller, and within the
-    /// bins of wide types it is interpolated as there.
+    /// The percent of the finite voxels whose value is at most `value`. The inverse of [`Statistics::percentile`] as far as
+    /// there is one: a value that many voxels share has the percentile of the last of them, one that no voxel has that of the
+    /// next smaller, and within the bins of wide types it is interpolated as there.
     ///
-    /// Ascends with `value`; 0 at and below the background, for NaN and for a volume without a finite voxel, 100 from the
-    /// maximum on.
-    pub fn percentile_of(&self, value: f64) -> f64 {
-        let count = self.num_above_background();
+    /// Ascends with `value`; 0 below the minimum, for NaN and for a volume without a finite voxel, 100 from the maximum on.
+    pub fn percentile_rank(&self, value: f64) -> f64 {
+        self.share_of_value(value, 0)
+    }
+
+    /// As [`Statistics::percentile_rank`], over the voxels above the background only; 0 at and below the background.
+    pub fn percentile_rank_above_background(&self, value: f64) -> f64 {
+        self.share_of_value(value, self.num_background)
+    }
+
+    /// The percentile of a value among the voxels behind the first `skipped` in ascending order.
+    fn share_of_value(&self, value: f64, skipped: u64) -> f64 {
+        let count = self.num_finite - skipped;
         if count == 0 || value.is_nan() {
             return 0.0;
         }
@@ -122,7 +130,7 @@ impl Statistics {
             let num_voxels = (bin.cumulative - before) as f64;
             before as f64 + (unit_position(bin.low, bin.high)(value) * num_voxels).max(0.5)
         };
-        100.0 * (rank - self.num_background as f64).max(0.0) / count as f64
+        100.0 * (rank - skipped as f64).max(0.0) / count as f64
     }
 
     /// Finite voxels above the background (all of a constant volume).
@@ -622,7 +630,7 @@ mod tests {
     }
 
     /// The definition of the percentile.
-    fn percentile_of(sorted: &[f64], p: f64) -> f64 {
+    fn percentile_rank_above_background(sorted: &[f64], p: f64) -> f64 {
         sorted[((p / 100.0 * sorted.len() as f64).ceil() as usize).clamp(1, sorted.len()) - 1]
     }
 
@@ -654,13 +662,32 @@ mod tests {
                 let above = sorted(values.iter().copied().filter(|&v| v > s.background));
                 assert_eq!(s.num_above_background(), above.len() as u64);
                 for p in PERCENTS {
-                    assert_eq!(s.percentile(p), percentile_of(&values, p), "{name} {p}");
-                    assert_eq!(s.percentile_above_background(p), percentile_of(&above, p), "{name} {p}");
+                    assert_eq!(s.percentile(p), percentile_rank_above_background(&values, p), "{name} {p}");
+                    assert_eq!(
+                        s.percentile_above_background(p),
+                        percentile_rank_above_background(&above, p),
+                        "{name} {p}"
+                    );
                 }
                 backgrounds.push(s.background);
             }
             assert!(backgrounds.windows(2).all(|b| b[0] == b[1]), "{backgrounds:?}");
         }
+    }
+
+    #[test]
+    fn ranks_invert_percentiles() {
+        let s = compute(Voxels::U8((0..100).collect()), Rescale { slope: 2.0, intercept: -10.0 });
+        assert_eq!(s.percentile_rank(-10.5), 0.0);
+        assert_eq!(s.percentile_rank(-10.0), 1.0);
+        assert_eq!(s.percentile_rank(-8.5), 1.0);
+        assert_eq!(s.percentile_rank(500.0), 100.0);
+        assert_eq!(s.percentile_rank_above_background(s.background), 0.0);
+        assert_eq!(s.percentile_rank_above_background(s.max), 100.0);
+        for p in [1.0, 25.0, 50.0, 99.0] {
+            assert_eq!(s.percentile_rank(s.percentile(p)), p);
+        }
+        assert_eq!(compute(Voxels::F32(vec![f32::NAN; 3]), Rescale::IDENTITY).percentile_rank(0.0), 0.0);
     }
 
     /// Many voxels of a wide type, so that they are binned.
@@ -672,7 +699,10 @@ mod tests {
         for p in PERCENTS {
             // The value of a rank at most 0.01 % off.
             let got = s.percentile(p);
-            let (low, high) = (percentile_of(&values, p - 0.01), percentile_of(&values, p + 0.01));
+            let (low, high) = (
+                percentile_rank_above_background(&values, p - 0.01),
+                percentile_rank_above_background(&values, p + 0.01),
+            );
             assert!((low..=high).contains(&got), "{p} %: {got} is not in {low}..={high}");
         }
         assert_eq!((s.percentile(0.0), s.percentile(100.0)), (s.min, s.max));
@@ -714,12 +744,12 @@ mod tests {
         let s = check_binned(Voxels::I32(wide.clone()), wide.iter().map(|&v| f64::from(v)), Rescale::IDENTITY);
         let values = sorted(wide.iter().map(|&v| f64::from(v)));
         for p in PERCENTS {
-            assert_eq!(s.percentile(p), percentile_of(&values, p));
+            assert_eq!(s.percentile(p), percentile_rank_above_background(&values, p));
         }
     }
 
     #[test]
-    fn percentile_of_inverts_the_percentiles() {
+    fn ranks_invert_percentiles_whatever_the_type() {
         let integers = || uniform(5000).map(|u| (u * u * 120.0).floor() + 1.0);
         let down = Rescale { slope: -2.5, intercept: 100.0 };
         let humps = |n: usize| uniform(n).map(|u| if u < 0.5 { u } else { 900.0 + 200.0 * u });
@@ -742,7 +772,7 @@ mod tests {
             for i in (0..above.len()).step_by(97).chain([above.len() - 1]) {
                 // The voxels that do not exceed it, counted; right to 0.01 % where they are binned.
                 let value = above[i];
-                let p = s.percentile_of(value);
+                let p = s.percentile_rank_above_background(value);
                 let counted = 100.0 * above.partition_point(|&v| v <= value) as f64 / above.len() as f64;
                 assert!((p - counted).abs() <= 0.01, "{name}: {value} is at {p} % and not {counted} %");
                 assert_eq!(bin_of(s.percentile_above_background(p)), bin_of(value), "{name}: {value}");
@@ -751,7 +781,7 @@ mod tests {
                 // Back to the percentile, but for the voxels that share the value or the bin.
                 let p = 0.1 * f64::from(i);
                 let value = s.percentile_above_background(p);
-                let back = s.percentile_of(value);
+                let back = s.percentile_rank_above_background(value);
                 let bin = bin_of(value);
                 let share = s.bins[bin].cumulative - if bin == 0 { 0 } else { s.bins[bin - 1].cumulative };
                 let tie = s.bins[bin].low == s.bins[bin].high;
@@ -759,27 +789,43 @@ mod tests {
                 assert!((p - off..=p + off).contains(&back), "{name}: {p} % became {back} %");
             }
             let (low, high) = (s.percentile(1.0), s.percentile(99.0));
-            let line = (-100..=1100).map(|i| s.percentile_of(low + 1e-3 * f64::from(i) * (high - low)));
+            let line =
+                (-100..=1100).map(|i| s.percentile_rank_above_background(low + 1e-3 * f64::from(i) * (high - low)));
             assert!(line.is_sorted(), "{name}: not monotone");
-            assert_eq!((s.percentile_of(s.background), s.percentile_of(s.max)), (0.0, 100.0));
-            assert_eq!((s.percentile_of(f64::NEG_INFINITY), s.percentile_of(f64::INFINITY)), (0.0, 100.0));
-            assert_eq!(s.percentile_of(f64::NAN), 0.0);
+            assert_eq!(
+                (s.percentile_rank_above_background(s.background), s.percentile_rank_above_background(s.max)),
+                (0.0, 100.0)
+            );
+            assert_eq!(
+                (
+                    s.percentile_rank_above_background(f64::NEG_INFINITY),
+                    s.percentile_rank_above_background(f64::INFINITY)
+                ),
+                (0.0, 100.0)
+            );
+            assert_eq!(s.percentile_rank_above_background(f64::NAN), 0.0);
         }
     }
 
     #[test]
-    fn percentile_of_where_there_is_little_to_rank() {
+    fn ranks_where_there_is_little_to_rank() {
         for voxels in [Voxels::I16(vec![-7; 99]), Voxels::F64(vec![-7.0; 99]), Voxels::F32(vec![-7.0; 200_000])] {
             let s = compute(voxels, Rescale::IDENTITY);
-            assert_eq!([-8.0, -7.0, -6.0, f64::NAN].map(|v| s.percentile_of(v)), [0.0, 100.0, 100.0, 0.0]);
+            assert_eq!(
+                [-8.0, -7.0, -6.0, f64::NAN].map(|v| s.percentile_rank_above_background(v)),
+                [0.0, 100.0, 100.0, 0.0]
+            );
         }
         let none = compute(Voxels::F32(vec![f32::NAN, f32::INFINITY]), Rescale::IDENTITY);
-        assert_eq!([-1.0, 0.0, 1.0, f64::NAN].map(|v| none.percentile_of(v)), [0.0; 4]);
+        assert_eq!([-1.0, 0.0, 1.0, f64::NAN].map(|v| none.percentile_rank_above_background(v)), [0.0; 4]);
         // Background 0; of the four above it, one each at 110 and 120 and two at 130. Between two values: the smaller one's.
         let s = compute(Voxels::U8([vec![0; 100], vec![130, 110, 130, 120]].concat()), Rescale::IDENTITY);
         assert_eq!(s.background, 0.0);
         let values = [0.0, 109.9, 110.0, 115.0, 120.0, 129.0, 130.0, 131.0];
-        assert_eq!(values.map(|v| s.percentile_of(v)), [0.0, 0.0, 25.0, 25.0, 50.0, 50.0, 100.0, 100.0]);
+        assert_eq!(
+            values.map(|v| s.percentile_rank_above_background(v)),
+            [0.0, 0.0, 25.0, 25.0, 50.0, 50.0, 100.0, 100.0]
+        );
     }
 
     #[test]

@@ -18,6 +18,7 @@ mod progress_bar;
 mod render;
 mod setup;
 mod styles;
+mod template;
 mod volumes;
 
 use std::ffi::OsString;
@@ -40,6 +41,8 @@ enum Command {
     Open(open::Arguments),
     /// Draw the figure of a template into a PNG file.
     Render(render::Arguments),
+    /// Write the first look of a bare volume as a template.
+    Template(template::Arguments),
     /// Measure what accuracy costs: time and error of a grid of settings.
     Measure(measure::Arguments),
     /// Time the frames of a turning camera.
@@ -96,6 +99,7 @@ fn run(command: Command, matches: &clap::ArgMatches) -> Result<()> {
     match command {
         Command::Open(arguments) => open::run(arguments),
         Command::Render(arguments) => render::run(&arguments, matches),
+        Command::Template(arguments) => template::run(&arguments),
         Command::Measure(arguments) => measure::run(&arguments, matches),
         Command::Bench(arguments) => bench::run(&arguments, matches),
         Command::Inspect(arguments) => inspect::run(&arguments),

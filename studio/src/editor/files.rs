@@ -10,7 +10,7 @@ use fabrica_engine::read::ReadOptions;
 use fabrica_engine::volume::Volume;
 use fabrica_engine::{Error, Progress};
 
-use crate::figure::first_look::first_look;
+use crate::figure::first_look::{self, first_look};
 use crate::figure::source::VolumeSource;
 use crate::figure::template::VolumeSlot;
 use crate::figure::{Template, bridge};
@@ -148,7 +148,7 @@ pub fn load_slot(slot: &VolumeSlot, folder: &Path, progress: &Progress) -> Resul
 fn undressed(path: &Path, progress: &Progress) -> Result<Loaded> {
     let file = file_name(path)?;
     let volume = VolumeSource::parse(&file, Path::new(""))?.load(&ReadOptions::default(), progress)?;
-    let figure = first_look(&volume, &file, progress)?;
+    let figure = first_look(&volume, first_look::slot(file), progress)?;
     let notes = volume.warnings.clone();
     Ok(Loaded { figure, path: None, volumes: counted(vec![volume], progress)?, notes })
 }

@@ -109,6 +109,19 @@ pub fn quality(name: QualityName) -> Quality {
     }
 }
 
+/// One object by itself: what a first look is framed by.
+///
+/// # Errors
+/// As [`scene`], for what concerns the object.
+pub(super) fn object(
+    template: &ObjectTemplate,
+    volume: &Arc<Volume>,
+    styles: &StyleLibrary,
+    progress: &Progress,
+) -> Result<Object> {
+    make_object(template, volume, styles, &mut Vec::new(), &mut Vec::new(), progress)
+}
+
 fn make_object(
     template: &ObjectTemplate,
     volume: &Arc<Volume>,
@@ -149,19 +162,19 @@ fn make_object(
     })
 }
 
-fn camera(template: &CameraTemplate, object: Option<&Object>) -> Result<Camera> {
-    let (center, radius) = match object {
-        None => (DVec3::ZERO, 1.0),
-        Some(object) => {
-            let (low, high) = match template.relative_to {
-                Reference::Volume => object.volume.grid.index_box(),
-                Reference::Visible => object.visible_index_box(),
-            };
-            let corners = object.volume.grid.box_corners_mm(low, high);
-            let center = corners.iter().sum::<DVec3>() / 8.0;
-            (center, corners.iter().map(|c| c.distance(center)).fold(0.0, f64::max))
-        }
+/// Center and radius, in world mm, of the sphere that a camera's lengths are relative to.
+pub(super) fn sphere(relative_to: Reference, object: &Object) -> (DVec3, f64) {
+    let (low, high) = match relative_to {
+        Reference::Volume => object.volume.grid.index_box(),
+        Reference::Visible => object.visible_index_box(),
     };
+    let corners = object.volume.grid.box_corners_mm(low, high);
+    let center = corners.iter().sum::<DVec3>() / 8.0;
+    (center, corners.iter().map(|c| c.distance(center)).fold(0.0, f64::max))
+}
+
+fn camera(template: &CameraTemplate, object: Option<&Object>) -> Result<Camera> {
+    let (center, radius) = object.map_or((DVec3::ZERO, 1.0), |object| sphere(template.relative_to, object));
     if !(template.height > 0.0 && template.height.is_finite()) {
         bail!("the camera shows a height of {} radii; give a positive number", template.height);
     }

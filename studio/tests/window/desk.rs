@@ -14,6 +14,9 @@ use crate::picture::{Picture, Region};
 /// Codes of the test figures' background, which nothing else in the window has: where it is, the figure is.
 pub const BACKGROUND: [u8; 3] = [0x2a, 0x5a, 0x48];
 
+/// Width of the panel at the right.
+const PANEL: usize = 300;
+
 /// However slow the machine: what has not happened by then will not.
 const DEADLINE: Duration = Duration::from_secs(60);
 
@@ -105,14 +108,17 @@ impl Desk {
 
     /// Where the figure is in the window.
     pub fn frame(&self) -> Result<Region, String> {
-        self.display.screenshot().bounds_of(BACKGROUND).ok_or_else(|| "no figure is seen".to_owned())
+        let seen = self.display.screenshot();
+        // The panel at the right shows the background's color, too.
+        let [width, height] = SIZE.map(usize::from);
+        let beside = Region { left: 0, top: 0, width: width - PANEL, height };
+        seen.crop(beside).bounds_of(BACKGROUND).ok_or_else(|| "no figure is seen".to_owned())
     }
 
     /// The figure as the window shows it now.
     pub fn picture(&self) -> Result<Picture, String> {
-        let seen = self.display.screenshot();
-        let frame = seen.bounds_of(BACKGROUND).ok_or("no figure is seen")?;
-        Ok(seen.crop(frame))
+        let frame = self.frame()?;
+        Ok(self.display.screenshot().crop(frame))
     }
 
     /// Waits until the window shows a figure as `fabrica render` writes it, to the last pixel; that picture.
@@ -149,37 +155,51 @@ impl Desk {
         Picture::read(&out)
     }
 
-    /// Drags across the figure with a button at a hand's pace, seeing to it that the window follows. egui leaves out what moves
-    /// in the frame of the press, and the window what moves in the frame of the release; a busy machine has few frames.
+    /// Drags across the figure with a button at a hand's pace, once the window has begun to follow: to a busy machine, a press
+    /// and a release that come in one frame are neither a drag nor a click.
     pub fn drag(&mut self, button: Button, from: Place, to: Place) {
         const PARTS: i16 = 12;
         self.display.move_to(from);
         let last = self.picture();
         self.display.press(button);
-        self.wiggle(from, 1, last);
+        self.wiggle(from, last);
         for part in 1..=PARTS {
             let along = |i: usize| from[i] + (i32::from(to[i] - from[i]) * i32::from(part) / i32::from(PARTS)) as i16;
             self.display.move_to([along(0), along(1)]);
             std::thread::sleep(Duration::from_millis(15));
         }
-        // What is on the screen, in the painter's hands and in the window's may be older than the last move.
-        let last = self.picture();
-        self.wiggle(to, 4, last);
         self.display.release(button);
     }
 
-    /// Moves to and fro, farther than within a click, until so many new pictures of the figure have come.
-    fn wiggle(&mut self, at: Place, num_pictures: u32, mut last: Result<Picture, String>) {
-        let (mut seen, mut looks) = (0, 0);
+    /// Moves to and fro, farther than within a click, until the figure's picture is another one.
+    fn wiggle(&mut self, at: Place, last: Result<Picture, String>) {
+        let mut looks = 0;
         self.until("the figure to follow", |desk| {
             looks += 1;
             desk.display.move_to([at[0] + looks % 2 * WIGGLE, at[1]]);
-            let now = desk.picture();
-            seen += u32::from(now != last);
-            last = now;
-            if seen >= num_pictures { Ok(()) } else { Err(format!("{seen} new pictures")) }
+            if desk.picture() == last { Err("no new picture".to_owned()) } else { Ok(()) }
         });
         self.display.move_to(at);
+    }
+
+    /// Drags something that the figure does not follow from one widget to another.
+    pub fn carry(&mut self, from: Place, to: Place) {
+        self.display.move_to(from);
+        let before = self.display.screenshot();
+        self.display.press(Button::Left);
+        // A dragged style goes along with the pointer.
+        let mut looks = 0;
+        self.until("something to go along", |desk| {
+            looks += 1;
+            desk.display.move_to([from[0] - 2 * WIGGLE - looks % 2 * WIGGLE, from[1]]);
+            if desk.display.screenshot() == before { Err("nothing moves".to_owned()) } else { Ok(()) }
+        });
+        for part in 1..=8 {
+            let along = |i: usize| from[i] + (i32::from(to[i] - from[i]) * part / 8) as i16;
+            self.display.move_to([along(0), along(1)]);
+            std::thread::sleep(Duration::from_millis(30));
+        }
+        self.display.release(Button::Left);
     }
 
     /// Keeps a picture of the display for people.

@@ -7,7 +7,7 @@ use eframe::egui::{Ui, Vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 use fabrica_engine::gpu::AdapterChoice;
-use fabrica_studio::editor::{Editor, UiCommand};
+use fabrica_studio::editor::{Editor, Options, UiCommand};
 
 use crate::display::{Place, SIZE};
 use crate::picture::Region;
@@ -23,7 +23,11 @@ impl Layout {
         let file = file.to_owned();
         let app = move |ui: &mut Ui, state: &mut Option<Editor>| {
             let ctx = ui.ctx().clone();
-            state.get_or_insert_with(|| Editor::new(&ctx, AdapterChoice::Software, Some(file.clone()))).ui(ui);
+            let editor = state.get_or_insert_with(|| {
+                let files = vec![file.clone()];
+                Editor::new(&ctx, Options { files, ..Options::plain(AdapterChoice::Software) })
+            });
+            editor.ui(ui);
         };
         let size = Vec2::from(SIZE.map(f32::from));
         let mut layout = Self { harness: Harness::builder().with_size(size).build_ui_state(app, None) };
@@ -41,13 +45,6 @@ impl Layout {
     pub fn run(&mut self, command: UiCommand) {
         let ctx = self.harness.ctx.clone();
         self.harness.state_mut().as_mut().unwrap().run(&ctx, command);
-        self.settle();
-    }
-
-    /// Clicks a widget: opens a menu, chooses something.
-    #[expect(dead_code, reason = "for menus and panels, which no test opens yet")]
-    pub fn click(&mut self, label: &str) {
-        self.harness.get_by_label(label).click();
         self.settle();
     }
 

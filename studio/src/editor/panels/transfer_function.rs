@@ -75,7 +75,9 @@ impl<'a> Positions<'a> {
     /// The position of a data value, rounded to what `resolution` (in data values) can tell apart.
     pub fn at(self, value: f64, resolution: f64) -> f64 {
         match (self.domain, self.statistics) {
-            (Domain::Percentile, Some(statistics)) => round_to(statistics.percentile_of(value), 0.01),
+            (Domain::Percentile, Some(statistics)) => {
+                round_to(statistics.percentile_rank_above_background(value), 0.01)
+            }
             (Domain::Percentile, None) => round_to(value.clamp(0.0, 100.0), 0.01),
             (Domain::Data, _) => round_to(value, resolution),
         }

@@ -1,0 +1,85 @@
+//! `fabrica template`: the first look of a bare volume, as a template to edit and draw.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use fabrica_engine::read::ReadOptions;
+use fabrica_engine::{Error, Progress};
+
+use super::progress_bar::Bar;
+use super::{UsageError, setup};
+use crate::figure::first_look::{self, first_look};
+use crate::figure::source::VolumeSource;
+use crate::figure::template::VolumeSlot;
+
+#[derive(clap::Args, Debug)]
+pub struct Arguments {
+    /// A volume file, a folder, or specimen:NAME[@N].
+    volume: String,
+    /// Layout of a raw file: DIMSxTYPE[,spacing][,endian], as in 256x256x128xuint8,1x1x1,little.
+    #[arg(long, value_name = "LAYOUT")]
+    raw: Option<String>,
+    /// Frame, from 0, of a 4-D file.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    frame: usize,
+    /// The template to write.
+    #[arg(long, value_name = "FILE.json")]
+    out: PathBuf,
+}
+
+/// Writes the template.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let out = &arguments.out;
+    check_out(out)?;
+    let source = VolumeSource::parse(&arguments.volume, Path::new(""))
+        .map_err(|e: anyhow::Error| UsageError::because(e.to_string()))?;
+    let raw = arguments
+        .raw
+        .as_deref()
+        .map(|text| text.parse().map_err(|e| UsageError::because(format!("--raw {text}: {e}"))));
+    let options = ReadOptions { raw: raw.transpose()?, frame: arguments.frame };
+    let progress = Progress::new();
+    let _bar = Bar::watch(&progress);
+
+    let volume = source.load(&options, &progress)?;
+    for warning in &volume.warnings {
+        say!("warning: {warning}");
+    }
+    let file = match &source {
+        VolumeSource::Path(path) => name_in_template(path, out)?,
+        VolumeSource::Specimen { .. } => arguments.volume.clone(),
+    };
+    let slot = VolumeSlot { frame: arguments.frame, raw: arguments.raw.clone(), ..first_look::slot(file) };
+    setup::save_text(out, &first_look(&volume, slot, &progress)?.to_json()?).context("the template was not written")
+}
+
+/// What a template at `out` calls a file: relative where the file lies beside or below it, so that both can move.
+fn name_in_template(file: &Path, out: &Path) -> Result<String> {
+    let absolute = |path: &Path| std::path::absolute(path).map_err(|e| Error::io(path, &e));
+    let (file, out) = (absolute(file)?, absolute(out)?);
+    let name = out.parent().and_then(|folder| file.strip_prefix(folder).ok()).unwrap_or(&file);
+    let name = name.to_str().context("the path is not UTF-8, and templates are; rename the file")?;
+    Ok(name.to_owned())
+}
+
+/// What would make the last step fail is found before the first one.
+fn check_out(out: &Path) -> Result<()> {
+    if !out.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
+        return Err(UsageError::because(format!("--out {} is no template; give it the ending .json", out.display())));
+    }
+    setup::check_writable(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_beside_and_below_the_template_are_named_from_it() {
+        let name = |file: &str, out: &str| name_in_template(Path::new(file), Path::new(out)).unwrap();
+        assert_eq!(name("/a/scan.nii", "/a/figure.json"), "scan.nii");
+        assert_eq!(name("/a/data/scan.nii", "/a/figure.json"), "data/scan.nii");
+        assert_eq!(name("/b/scan.nii", "/a/figure.json"), "/b/scan.nii");
+        assert_eq!(name("scan.nii", "figure.json"), "scan.nii");
+    }
+}
