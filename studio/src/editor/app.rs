@@ -612,7 +612,7 @@ impl Editor {
     pub fn ui(&mut self, ui: &mut Ui) {
         let ctx = ui.ctx().clone();
         self.poll(&ctx);
-        self.keys(&ctx);
+        self.escape(&ctx);
         self.dropped(&ctx);
         if ctx.input(|i| i.viewport().close_requested()) && !self.quitting {
             ctx.send_viewport_cmd(ViewportCommand::CancelClose);
@@ -631,6 +631,7 @@ impl Editor {
         } else {
             self.start_page(ui);
         }
+        self.shortcuts(&ctx);
         self.dialogs(&ctx);
         if let Some(timings) = &mut self.timings {
             let busy = self.open.is_some() && !self.viewport.picture.is_refined();
@@ -645,32 +646,42 @@ impl Editor {
         }
     }
 
-    fn keys(&mut self, ctx: &Context) {
-        if self.dialog.is_none() {
-            let typing = ctx.egui_wants_keyboard_input();
-            // Those with more modifiers first: egui's test ignores further ones.
-            let mut keyed: Vec<_> = UiCommand::ALL.iter().filter_map(|c| Some((*c, c.shortcut()?))).collect();
-            keyed.sort_by_key(|(_, s)| {
-                let m = s.modifiers;
-                std::cmp::Reverse([m.alt, m.shift, m.ctrl || m.command].into_iter().filter(|on| *on).count())
-            });
-            for (command, shortcut) in keyed {
-                if !(typing && command.yields_to_text()) && ctx.input_mut(|i| i.consume_shortcut(&shortcut)) {
-                    self.run(ctx, command);
-                }
+    /// Shortcuts, at the end of a frame: what the pointer did in it came first (a drag, then Ctrl+S).
+    fn shortcuts(&mut self, ctx: &Context) {
+        if self.dialog.is_some() {
+            return;
+        }
+        let typing = ctx.text_edit_focused();
+        // Those with more modifiers first: egui's test ignores further ones.
+        let mut keyed: Vec<_> = UiCommand::ALL.iter().filter_map(|c| Some((*c, c.shortcut()?))).collect();
+        keyed.sort_by_key(|(_, s)| {
+            let m = s.modifiers;
+            std::cmp::Reverse([m.alt, m.shift, m.ctrl || m.command].into_iter().filter(|on| *on).count())
+        });
+        for (command, shortcut) in keyed {
+            if !(typing && command.yields_to_text()) && ctx.input_mut(|i| i.consume_shortcut(&shortcut)) {
+                self.run(ctx, command);
+                ctx.request_repaint();
             }
         }
-        if ctx.input(|i| i.key_pressed(Key::Escape)) {
-            let gesture = self.open.as_mut().is_some_and(|open| {
-                let under_way = open.document.in_gesture();
-                open.document.abort();
-                under_way
-            });
-            if !gesture && !self.viewport.dismiss() && self.dialog.is_none() && !ctx.egui_wants_keyboard_input() {
-                if let Some(open) = &mut self.open {
-                    open.node = None;
-                }
-            }
+    }
+
+    fn escape(&mut self, ctx: &Context) {
+        if !ctx.input(|i| i.key_pressed(Key::Escape)) {
+            return;
+        }
+        let gesture = self.open.as_mut().is_some_and(|open| {
+            let under_way = open.document.in_gesture();
+            open.document.abort();
+            under_way
+        });
+        if !gesture
+            && !self.viewport.dismiss()
+            && self.dialog.is_none()
+            && !ctx.text_edit_focused()
+            && let Some(open) = &mut self.open
+        {
+            open.node = None;
         }
     }
 

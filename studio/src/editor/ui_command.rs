@@ -206,9 +206,9 @@ impl UiCommand {
         Some(KeyboardShortcut::new(modifiers, key))
     }
 
-    /// Whether its key is a letter or an editing key, which a text field that has the focus takes for itself.
+    /// Whether its key is a letter or an editing key, or takes typing back: a text field that has the focus has it for itself.
     pub fn yields_to_text(self) -> bool {
-        self.shortcut().is_some_and(|s| s.modifiers.is_none())
+        matches!(self, C::Undo | C::Redo) || self.shortcut().is_some_and(|s| s.modifiers.is_none())
     }
 
     /// Whether it makes sense without an open figure.

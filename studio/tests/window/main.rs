@@ -157,9 +157,9 @@ fn a_figure_is_turned_saved_and_opened_again() {
     for node in &mut expected.objects[0].transfer_function.nodes {
         node.style = "porcelain".to_owned();
     }
-    let dressed = save_until(&mut desk, &figure, "the dressed figure on the disk", |saved| *saved == expected);
-    let seen = desk.until_drawn(&figure);
+    let seen = desk.until_drawn(&folder.write("dressed.json", &expected));
     desk.keep_still("dressed");
+    let dressed = save_until(&mut desk, &figure, "the dressed figure on the disk", |saved| *saved == expected);
 
     command(&desk, 'q');
     assert_eq!(desk.exit_code(), Some(0));

@@ -1,5 +1,6 @@
 //! The panels: each shows a part of the open figure and edits it through commands.
 
+pub mod histogram;
 pub mod history;
 pub mod objects;
 pub mod properties;

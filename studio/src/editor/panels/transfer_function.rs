@@ -5,8 +5,8 @@ use std::ops::Range;
 
 use eframe::egui::epaint::{Mesh, PathShape};
 use eframe::egui::{
-    self, Align2, Color32, ComboBox, CursorIcon, DragValue, FontId, Key, Modifiers, Pos2, Rect, Response, Role, Sense,
-    Stroke, Ui, Vec2, WidgetInfo,
+    self, Align2, Color32, ComboBox, CursorIcon, DragValue, FontId, Pos2, Rect, Response, Role, Sense, Stroke, Ui,
+    Vec2, WidgetInfo,
 };
 use fabrica_engine::volume::statistics::Statistics;
 use fabrica_engine::volume::{Modality, Volume};
@@ -14,6 +14,7 @@ use fabrica_engine::volume::{Modality, Volume};
 use super::super::gallery::{DraggedStyle, Gallery};
 use super::super::open_figure::OpenFigure;
 use super::super::theme::{self, Tokens};
+use super::histogram::Histogram;
 use crate::figure::Command;
 use crate::figure::template::{Domain, NodeTemplate, TransferFunctionTemplate};
 
@@ -272,8 +273,8 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut Fu
 
     let painter = ui.painter_at(area);
     painter.rect_filled(rect, 2.0, tokens.field);
-    if let Some(statistics) = statistics {
-        paint_histogram(&painter, plot, statistics, view.logarithmic, tokens);
+    if let Some((volume, statistics)) = volume.zip(statistics) {
+        paint_histogram(&painter, plot, &Histogram::of(volume, statistics), view.logarithmic, tokens);
     }
     paint_tints(&painter, plot, &values, &function.nodes, gallery);
     paint_axis(&painter, plot, volume, tokens);
@@ -482,15 +483,6 @@ fn nodes(
             }
         });
     }
-    // The Delete key belongs to the nodes while no field is typed into.
-    if let Some(node) = open.node
-        && !ui.ctx().egui_wants_keyboard_input()
-        && nodes.len() > 1
-        && ui.input_mut(|i| i.consume_key(Modifiers::NONE, Key::Delete))
-    {
-        open.edit(Command::RemoveNode { object, node });
-        open.node = None;
-    }
 }
 
 fn paint_note(painter: &egui::Painter, bottom: Pos2, text: &str, tokens: Tokens) {
@@ -604,36 +596,20 @@ fn drop_style(
     }
 }
 
-fn paint_histogram(painter: &egui::Painter, plot: Plot, statistics: &Statistics, logarithmic: bool, tokens: Tokens) {
-    let bins = &statistics.histogram;
-    let scaled = |n: f64| if logarithmic { n.ln_1p() } else { n };
-    // Linearly, the background alone would flatten everything else.
-    let above = |i: usize| {
-        let value = statistics.min + (i as f64 + 0.5) / bins.len() as f64 * (statistics.max - statistics.min);
-        logarithmic || value > statistics.background
-    };
-    let most = bins.iter().enumerate().filter(|(i, _)| above(*i)).map(|(_, n)| *n).max().unwrap_or(0).max(1);
-    let most = scaled(most as f64);
-    let width = statistics.max - statistics.min;
-    let mut mesh = Mesh::default();
+fn paint_histogram(painter: &egui::Painter, plot: Plot, histogram: &Histogram, logarithmic: bool, tokens: Tokens) {
     let color = tokens.border.gamma_multiply(0.45);
-    let count = |x: f32| -> f32 {
-        let place = (plot.value(x) - statistics.min) / width * bins.len() as f64 - 0.5;
-        if width <= 0.0 || place < -0.5 || place > bins.len() as f64 - 0.5 {
-            return 0.0;
-        }
-        let below = place.floor().max(0.0);
-        let bin = |i: f64| scaled(bins[(i as usize).min(bins.len() - 1)] as f64);
-        let share = (place - below).clamp(0.0, 1.0);
-        let n = bin(below) + share * (bin(below + 1.0) - bin(below));
-        (n / most).min(1.0) as f32
-    };
+    paint_below(painter, plot, |value| (histogram.height(value, logarithmic), color));
+}
+
+/// Fills what is below a curve: height (0 to 1) and color at a data value.
+fn paint_below(painter: &egui::Painter, plot: Plot, at: impl Fn(f64) -> (f64, Color32)) {
+    let mut mesh = Mesh::default();
     let columns = (plot.rect.width() / 2.0).ceil() as u32;
     for column in 0..=columns {
         let x = plot.rect.left() + plot.rect.width() * column as f32 / columns as f32;
-        let top = plot.rect.bottom() - count(x) * plot.rect.height() * 0.96;
+        let (height, color) = at(plot.value(x));
         mesh.colored_vertex(Pos2::new(x, plot.rect.bottom()), color);
-        mesh.colored_vertex(Pos2::new(x, top), color);
+        mesh.colored_vertex(Pos2::new(x, plot.y(height)), color);
         if column > 0 {
             let i = 2 * column;
             mesh.add_triangle(i - 2, i - 1, i);
@@ -646,11 +622,7 @@ fn paint_histogram(painter: &egui::Painter, plot: Plot, statistics: &Statistics,
 /// Below the curve, the colors that the styles have from afar.
 fn paint_tints(painter: &egui::Painter, plot: Plot, values: &[f64], nodes: &[NodeTemplate], gallery: &Gallery) {
     let means: Vec<Color32> = nodes.iter().map(|n| gallery.mean(&n.style)).collect();
-    let mut mesh = Mesh::default();
-    let columns = (plot.rect.width() / 2.0).ceil() as u32;
-    for column in 0..=columns {
-        let x = plot.rect.left() + plot.rect.width() * column as f32 / columns as f32;
-        let value = plot.value(x);
+    paint_below(painter, plot, |value| {
         let above = values.partition_point(|v| *v <= value);
         let (below, share) = match (above.checked_sub(1), values.get(above)) {
             (None, _) => (0, 0.0),
@@ -658,16 +630,8 @@ fn paint_tints(painter: &egui::Painter, plot: Plot, values: &[f64], nodes: &[Nod
             (Some(below), Some(next)) => (below, (value - values[below]) / (next - values[below])),
         };
         let color = means[below].lerp_to_gamma(means[(below + 1).min(means.len() - 1)], share as f32);
-        let color = color.gamma_multiply(0.4);
-        mesh.colored_vertex(Pos2::new(x, plot.rect.bottom()), color);
-        mesh.colored_vertex(Pos2::new(x, plot.y(opacity_at(values, nodes, value))), color);
-        if column > 0 {
-            let i = 2 * column;
-            mesh.add_triangle(i - 2, i - 1, i);
-            mesh.add_triangle(i - 1, i, i + 1);
-        }
-    }
-    painter.add(mesh);
+        (opacity_at(values, nodes, value), color.gamma_multiply(0.4))
+    });
 }
 
 fn paint_curve(painter: &egui::Painter, plot: Plot, values: &[f64], nodes: &[NodeTemplate], tokens: Tokens) {
@@ -696,7 +660,8 @@ fn paint_axis(painter: &egui::Painter, plot: Plot, volume: Option<&Volume>, toke
         let x = plot.x(tick);
         if x < plot.rect.right() - 44.0 {
             painter.vline(x, plot.rect.bottom()..=plot.rect.bottom() + 3.0, Stroke::new(1.0, tokens.border));
-            let text = format!("{}", round_to(tick, 0.1 * step));
+            // No negative zero.
+            let text = format!("{}", round_to(tick, 0.1 * step) + 0.0);
             painter.text(Pos2::new(x, plot.rect.bottom() + 2.0), Align2::CENTER_TOP, text, font.clone(), tokens.dim);
         }
         tick += step;
