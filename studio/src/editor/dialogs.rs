@@ -56,7 +56,8 @@ pub fn show(
     disabled: impl Fn(UiCommand) -> Option<&'static str>,
 ) -> Option<Choice> {
     let mut chosen = None;
-    let modal = Modal::new(egui::Id::unique("dialog")).show(ctx, |ui| {
+    let frame = egui::Frame::popup(&ctx.global_style()).inner_margin(20).corner_radius(8);
+    let modal = Modal::new(egui::Id::unique("dialog")).frame(frame).show(ctx, |ui| {
         ui.set_width(440.0);
         chosen = match dialog {
             Dialog::Path(purpose, text) => path(ui, *purpose, text),
@@ -96,7 +97,9 @@ fn question(ui: &mut Ui, title: &str, text: &str, accept: &str, other: Option<&s
     ui.label(text);
     ui.add_space(8.0);
     ui.horizontal(|ui| {
-        if filled(ui, accept).clicked() || ui.input(|i| i.key_pressed(Key::Enter)) {
+        // Enter is the filled button's, unless another has the focus.
+        let entered = ui.memory(|m| m.focused().is_none()) && ui.input(|i| i.key_pressed(Key::Enter));
+        if filled(ui, accept).clicked() || entered {
             choice = Some(Choice::Accept);
         }
         if other.is_some_and(|text| ui.button(text).clicked()) {

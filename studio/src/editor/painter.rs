@@ -4,6 +4,7 @@
 //! It has a device of its own, apart from the window's: nothing that it draws can hold the window up, a lost device is its
 //! own affair, and new pipelines compile here.
 
+use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 use std::panic::AssertUnwindSafe;
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
@@ -109,16 +110,23 @@ pub struct Painter {
 }
 
 /// The time that a coarse picture may take.
-const COARSE: Duration = Duration::from_millis(70);
+const COARSE: Duration = Duration::from_millis(50);
 /// The time that one submission to the adapter is to take: what else it does, the window's own frames too, waits as long.
 const SUBMISSION: Duration = Duration::from_millis(8);
 /// Edges of tiles, which are what is submitted, cancelled and shown at once.
 const TILES: (u32, u32) = (32, 256);
 
+/// Steps of coarse pictures, in voxels: longer ones leave holes in thin bone, but let translucent figures have more pixels.
+const STEPS: (f64, f64) = (2.0, 8.0);
+/// Strides of coarse pictures beyond which the step changes rather than the stride.
+const STRIDES: (f64, f64) = (3.0, 5.5);
+
 /// How the work is cut, as it follows from how long it took so far.
 struct Pace {
     /// Of this many pixels, across and down, a coarse picture draws one.
     stride: u32,
+    /// Its step, in voxels.
+    step: f64,
     /// Edge of a tile of a whole picture.
     tile: u32,
 }
@@ -126,7 +134,18 @@ struct Pace {
 impl Pace {
     fn coarse_took(&mut self, time: Duration) {
         let ratio = time.as_secs_f64() / COARSE.as_secs_f64();
-        self.stride = ((f64::from(self.stride) * ratio.sqrt()).ceil() as u32).clamp(2, 16);
+        let mut stride = f64::from(self.stride) * ratio.sqrt();
+        if stride > STRIDES.1 && self.step < STEPS.1 {
+            (self.step, stride) = (2.0 * self.step, stride * FRAC_1_SQRT_2);
+        } else if stride < STRIDES.0 && self.step > STEPS.0 {
+            (self.step, stride) = (0.5 * self.step, stride * SQRT_2);
+        }
+        self.stride = (stride.ceil() as u32).clamp(2, 16);
+    }
+
+    /// The coarse picture's quality: it looks once at a style, whatever its normal does, and stops early.
+    fn coarse(&self) -> Quality {
+        Quality { step_voxels: self.step, style_change: 100.0, termination: 1.0 / 64.0 }
     }
 
     /// `num_tiles` tiles took `time`.
@@ -202,7 +221,7 @@ impl Drop for Painter {
 
 fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, styles: &StyleLibrary, tell: &dyn Fn(Update)) {
     let mut renderer: Option<Renderer> = None;
-    let mut pace = Pace { stride: 4, tile: 128 };
+    let mut pace = Pace { stride: 4, step: STEPS.0, tile: 128 };
     loop {
         let (number, request, progress) = {
             let (lock, bell) = desk;
@@ -283,10 +302,11 @@ fn draw(
         let pixels = opaque_srgb(y, size[0], pixels, scene.background);
         tell(Update::Rows { number, size, y, num_rows, pixels, stage });
     };
-    // Coarse: of every `stride`² pixels one. The stride follows the time that the last one took.
+    // Coarse: of every `stride`² pixels one.
     let options = RenderOptions { stride: pace.stride, tile: 4096, ..RenderOptions::default() };
     let coarse = Instant::now();
-    let image = renderer.render(&draft, request.size, &options, progress)?;
+    let hasty = Scene { quality: pace.coarse(), ..draft.clone() };
+    let image = renderer.render(&hasty, request.size, &options, progress)?;
     pace.coarse_took(coarse.elapsed());
     rows([image.width, image.height], 0, &image.pixels, Stage::Coarse);
     if request.coarse_only {
