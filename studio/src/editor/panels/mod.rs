@@ -1,8 +1,10 @@
 //! The panels: each shows a part of the open figure and edits it through commands.
 
+pub mod curve;
 pub mod histogram;
 pub mod history;
 pub mod objects;
+pub mod plot;
 pub mod properties;
 pub mod start_page;
 pub mod styles;

@@ -3,20 +3,20 @@
 
 use std::ops::Range;
 
-use eframe::egui::epaint::{Mesh, PathShape};
+use eframe::egui::epaint::PathShape;
 use eframe::egui::{
-    self, Align2, Color32, ComboBox, CursorIcon, DragValue, FontId, Pos2, Rect, Response, Role, Sense, Stroke, Ui,
-    Vec2, WidgetInfo,
+    self, ComboBox, CursorIcon, DragValue, Pos2, Rect, Response, Role, Sense, Stroke, Ui, Vec2, WidgetInfo,
 };
-use fabrica_engine::volume::statistics::Statistics;
-use fabrica_engine::volume::{Modality, Volume};
+use fabrica_engine::volume::Volume;
 
 use super::super::gallery::{DraggedStyle, Gallery};
 use super::super::open_figure::OpenFigure;
-use super::super::theme::{self, Tokens};
+use super::super::theme;
+use super::curve::{Positions, insert_node, materials, round_to, statistics_of, whole_range};
 use super::histogram::Histogram;
+use super::plot::{Plot, paint_axis, paint_curve, paint_histogram, paint_note, paint_tints};
 use crate::figure::Command;
-use crate::figure::template::{Domain, NodeTemplate, TransferFunctionTemplate};
+use crate::figure::template::NodeTemplate;
 
 /// How the panel is looked at; no part of the figure.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,190 +51,6 @@ const GRAB: f32 = 10.0;
 const SPHERE: f32 = 14.0;
 /// What Shift leaves of a drag.
 const FINE: f64 = 0.1;
-
-/// Between a node's position, as its domain counts it, and data values.
-#[derive(Clone, Copy)]
-pub struct Positions<'a> {
-    domain: Domain,
-    statistics: Option<&'a Statistics>,
-}
-
-impl<'a> Positions<'a> {
-    /// Of a transfer function on a volume, if it is there.
-    pub fn new(function: &TransferFunctionTemplate, statistics: Option<&'a Statistics>) -> Self {
-        Self { domain: function.domain, statistics }
-    }
-
-    /// The data value at a position (the position itself where nothing is known of the volume).
-    pub fn value(self, at: f64) -> f64 {
-        match (self.domain, self.statistics) {
-            (Domain::Percentile, Some(statistics)) => statistics.percentile_above_background(at),
-            _ => at,
-        }
-    }
-
-    /// The position of a data value, rounded to what `resolution` (in data values) can tell apart.
-    pub fn at(self, value: f64, resolution: f64) -> f64 {
-        match (self.domain, self.statistics) {
-            (Domain::Percentile, Some(statistics)) => {
-                round_to(statistics.percentile_rank_above_background(value), 0.01)
-            }
-            (Domain::Percentile, None) => round_to(value.clamp(0.0, 100.0), 0.01),
-            (Domain::Data, _) => round_to(value, resolution),
-        }
-    }
-
-    fn unit(self, volume: Option<&Volume>) -> &'static str {
-        match (self.domain, volume.map(|v| v.modality)) {
-            (Domain::Percentile, _) => " %",
-            (Domain::Data, Some(Modality::Ct)) => " HU",
-            _ => "",
-        }
-    }
-}
-
-/// To a multiple of the power of ten at or below `resolution`.
-fn round_to(value: f64, resolution: f64) -> f64 {
-    if !(resolution.is_finite() && resolution > 0.0) {
-        return value;
-    }
-    let digits = -resolution.log10().floor();
-    // A power of ten with a positive exponent is exact, its inverse is not.
-    if digits >= 0.0 {
-        let scale = 10f64.powf(digits.min(15.0));
-        (value * scale).round() / scale
-    } else {
-        let scale = 10f64.powf(-digits);
-        (value / scale).round() * scale
-    }
-}
-
-/// Where values and opacities lie on the screen.
-#[derive(Clone, Copy)]
-struct Plot {
-    rect: Rect,
-    low: f64,
-    high: f64,
-}
-
-impl Plot {
-    fn x(self, value: f64) -> f32 {
-        let share = (value - self.low) / (self.high - self.low);
-        // Far outside is just outside: the painter shall not meet numbers that f32 cannot hold.
-        self.rect.left() + share.clamp(-10.0, 11.0) as f32 * self.rect.width()
-    }
-
-    fn value(self, x: f32) -> f64 {
-        self.low + f64::from((x - self.rect.left()) / self.rect.width()) * (self.high - self.low)
-    }
-
-    fn y(self, opacity: f64) -> f32 {
-        self.rect.bottom() - opacity as f32 * self.rect.height()
-    }
-
-    fn opacity(self, y: f32) -> f64 {
-        f64::from((self.rect.bottom() - y) / self.rect.height()).clamp(0.0, 1.0)
-    }
-
-    /// Data values of a pixel.
-    fn resolution(self) -> f64 {
-        (self.high - self.low) / f64::from(self.rect.width().max(1.0))
-    }
-
-    fn spans(self, x: f32) -> bool {
-        (self.rect.left() - 1.0..=self.rect.right() + 1.0).contains(&x)
-    }
-}
-
-/// The values that matter: the volume's, without the far ends that hardly a voxel has, and all nodes.
-fn whole_range(values: &[f64], volume: Option<(&Volume, &Statistics)>) -> (f64, f64) {
-    let nodes = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
-    let (mut low, mut high) = match volume {
-        Some((volume, s)) if volume.modality == Modality::Ct => (s.min.max(-1050.0), s.max.min(2000.0)),
-        Some((_, s)) => (s.min, s.percentile(99.99).max(s.percentile_above_background(99.0))),
-        None => nodes,
-    };
-    (low, high) = (low.min(nodes.0), high.max(nodes.1));
-    let margin = 0.03 * (high - low);
-    if margin > 0.0 && margin.is_finite() { (low - margin, high + margin) } else { (low - 1.0, low + 1.0) }
-}
-
-/// The opacity that the curve has at a value.
-fn opacity_at(values: &[f64], nodes: &[NodeTemplate], value: f64) -> f64 {
-    let above = values.partition_point(|v| *v <= value);
-    match (above.checked_sub(1), values.get(above)) {
-        (None, _) => nodes.first().map_or(0.0, |n| n.opacity),
-        (Some(below), None) => nodes[below].opacity,
-        (Some(below), Some(next)) => {
-            let share = (value - values[below]) / (next - values[below]);
-            nodes[below].opacity + share * (nodes[above].opacity - nodes[below].opacity)
-        }
-    }
-}
-
-/// A node on the curve at a value, in the style that is nearest there.
-fn node_on_curve(
-    positions: Positions<'_>,
-    function: &TransferFunctionTemplate,
-    value: f64,
-    resolution: f64,
-) -> NodeTemplate {
-    let values: Vec<f64> = function.nodes.iter().map(|n| positions.value(n.at)).collect();
-    let nearest = (0..values.len()).min_by(|a, b| (values[*a] - value).abs().total_cmp(&(values[*b] - value).abs()));
-    NodeTemplate {
-        at: positions.at(value, resolution),
-        style: nearest.map_or_else(|| "clay".to_owned(), |i| function.nodes[i].style.clone()),
-        opacity: round_to(opacity_at(&values, &function.nodes, value), 0.01).clamp(0.0, 1.0),
-        extra: serde_json::Map::new(),
-    }
-}
-
-/// Puts a node into the curve of the chosen object at a data value, and chooses it. Without a style and an opacity of its own
-/// it changes nothing of the picture.
-pub fn insert_node(open: &mut OpenFigure, value: f64, resolution: f64, style: Option<String>, opacity: Option<f64>) {
-    let Some(object) = open.chosen() else { return };
-    let statistics = statistics_of(open.chosen_volume().map(|v| &**v));
-    let function = &object.transfer_function;
-    let mut node = node_on_curve(Positions::new(function, statistics), function, value, resolution);
-    if let Some(style) = style {
-        node.style = style;
-    }
-    if let Some(opacity) = opacity {
-        node.opacity = round_to(opacity, 0.01);
-    }
-    let place = function.nodes.partition_point(|n| n.at <= node.at);
-    open.edit(Command::InsertNode { object: open.object, node });
-    if open.fault.is_none() {
-        open.node = Some(place);
-    }
-}
-
-/// Puts a node half way from the chosen one to the next (beyond the last: as far on as the range is wide, a tenth of it).
-pub fn insert_after_chosen(open: &mut OpenFigure) {
-    let (Some(object), Some(number)) = (open.chosen(), open.node) else { return };
-    let positions = Positions::new(&object.transfer_function, statistics_of(open.chosen_volume().map(|v| &**v)));
-    let values: Vec<f64> = object.transfer_function.nodes.iter().map(|n| positions.value(n.at)).collect();
-    let width = (values[values.len() - 1] - values[0]).max(1.0);
-    let value = values.get(number + 1).map_or(values[number] + 0.1 * width, |next| 0.5 * (values[number] + next));
-    insert_node(open, value, 1e-3 * width, None, None);
-}
-
-/// Successive nodes of one style.
-pub fn materials(nodes: &[NodeTemplate]) -> Vec<Range<usize>> {
-    let mut runs: Vec<Range<usize>> = Vec::new();
-    for (i, node) in nodes.iter().enumerate() {
-        match runs.last_mut() {
-            Some(run) if nodes[run.start].style == node.style => run.end = i + 1,
-            _ => runs.push(i..i + 1),
-        }
-    }
-    runs
-}
-
-/// What is known of a volume's values; counted when it was loaded.
-pub fn statistics_of(volume: Option<&Volume>) -> Option<&Statistics> {
-    volume.and_then(|v| v.known_statistics())
-}
 
 /// The panel.
 pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut FunctionView) {
@@ -342,10 +158,7 @@ fn node_fields(
     ui.label(theme::small(ui.ctx(), format!("Node {} of {num_nodes}", number + 1)));
     let (mut at, mut percent) = (node.at, 100.0 * node.opacity);
     let unit = positions.unit(volume);
-    let speed = match (positions.domain, positions.statistics) {
-        (Domain::Data, Some(s)) => ((s.max - s.min) / 1000.0).max(1e-9),
-        _ => 0.1,
-    };
+    let speed = positions.speed();
     let decimals = if speed >= 1.0 { 1 } else { 6 };
     let field = DragValue::new(&mut at).speed(speed).suffix(unit).max_decimals(decimals).update_while_editing(false);
     let response = ui.add(field.custom_parser(super::properties::parse_number)).accessible_name("Node value");
@@ -485,13 +298,6 @@ fn nodes(
     }
 }
 
-fn paint_note(painter: &egui::Painter, bottom: Pos2, text: &str, tokens: Tokens) {
-    let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(12.0), tokens.text);
-    let rect = Align2::CENTER_BOTTOM.anchor_size(bottom, galley.size() + Vec2::new(12.0, 6.0));
-    painter.rect_filled(rect, 4.0, tokens.raised);
-    painter.galley(rect.min + Vec2::new(6.0, 3.0), galley, tokens.text);
-}
-
 /// A material's nodes and the middle of its sphere.
 struct PlacedSphere {
     run: Range<usize>,
@@ -596,115 +402,12 @@ fn drop_style(
     }
 }
 
-fn paint_histogram(painter: &egui::Painter, plot: Plot, histogram: &Histogram, logarithmic: bool, tokens: Tokens) {
-    let color = tokens.border.gamma_multiply(0.45);
-    paint_below(painter, plot, |value| (histogram.height(value, logarithmic), color));
-}
-
-/// Fills what is below a curve: height (0 to 1) and color at a data value.
-fn paint_below(painter: &egui::Painter, plot: Plot, at: impl Fn(f64) -> (f64, Color32)) {
-    let mut mesh = Mesh::default();
-    let columns = (plot.rect.width() / 2.0).ceil() as u32;
-    for column in 0..=columns {
-        let x = plot.rect.left() + plot.rect.width() * column as f32 / columns as f32;
-        let (height, color) = at(plot.value(x));
-        mesh.colored_vertex(Pos2::new(x, plot.rect.bottom()), color);
-        mesh.colored_vertex(Pos2::new(x, plot.y(height)), color);
-        if column > 0 {
-            let i = 2 * column;
-            mesh.add_triangle(i - 2, i - 1, i);
-            mesh.add_triangle(i - 1, i, i + 1);
-        }
-    }
-    painter.add(mesh);
-}
-
-/// Below the curve, the colors that the styles have from afar.
-fn paint_tints(painter: &egui::Painter, plot: Plot, values: &[f64], nodes: &[NodeTemplate], gallery: &Gallery) {
-    let means: Vec<Color32> = nodes.iter().map(|n| gallery.mean(&n.style)).collect();
-    paint_below(painter, plot, |value| {
-        let above = values.partition_point(|v| *v <= value);
-        let (below, share) = match (above.checked_sub(1), values.get(above)) {
-            (None, _) => (0, 0.0),
-            (Some(below), None) => (below, 0.0),
-            (Some(below), Some(next)) => (below, (value - values[below]) / (next - values[below])),
-        };
-        let color = means[below].lerp_to_gamma(means[(below + 1).min(means.len() - 1)], share as f32);
-        (opacity_at(values, nodes, value), color.gamma_multiply(0.4))
-    });
-}
-
-fn paint_curve(painter: &egui::Painter, plot: Plot, values: &[f64], nodes: &[NodeTemplate], tokens: Tokens) {
-    let inside = painter.with_clip_rect(plot.rect.expand(2.0));
-    let mut points: Vec<Pos2> =
-        values.iter().zip(nodes).map(|(value, node)| Pos2::new(plot.x(*value), plot.y(node.opacity))).collect();
-    let (first, last) = (points[0], points[points.len() - 1]);
-    points.insert(0, Pos2::new(plot.rect.left().min(first.x), first.y));
-    points.push(Pos2::new(plot.rect.right().max(last.x), last.y));
-    inside.add(PathShape::line(points, Stroke::new(2.0, tokens.accent)));
-}
-
-fn paint_axis(painter: &egui::Painter, plot: Plot, volume: Option<&Volume>, tokens: Tokens) {
-    for opacity in [0.5, 1.0] {
-        painter.hline(plot.rect.x_range(), plot.y(opacity), Stroke::new(1.0, tokens.hairline));
-    }
-    let wanted = (plot.high - plot.low) / f64::from(plot.rect.width() / 80.0).max(1.0);
-    let power = 10f64.powf(wanted.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|s| *s >= wanted).unwrap_or(wanted);
-    let font = FontId::proportional(11.0);
-    let mut tick = (plot.low / step).ceil() * step;
-    // The unit has the last place.
-    let unit = volume.filter(|v| v.modality == Modality::Ct).map_or("value", |_| "HU");
-    painter.text(plot.rect.right_bottom() + Vec2::Y * 2.0, Align2::RIGHT_TOP, unit, font.clone(), tokens.dim);
-    while tick <= plot.high && step > 0.0 {
-        let x = plot.x(tick);
-        if x < plot.rect.right() - 44.0 {
-            painter.vline(x, plot.rect.bottom()..=plot.rect.bottom() + 3.0, Stroke::new(1.0, tokens.border));
-            // No negative zero.
-            let text = format!("{}", round_to(tick, 0.1 * step) + 0.0);
-            painter.text(Pos2::new(x, plot.rect.bottom() + 2.0), Align2::CENTER_TOP, text, font.clone(), tokens.dim);
-        }
-        tick += step;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn node(at: f64, style: &str, opacity: f64) -> NodeTemplate {
         NodeTemplate { at, style: style.to_owned(), opacity, extra: serde_json::Map::new() }
-    }
-
-    #[test]
-    fn materials_are_runs_of_one_style() {
-        let nodes = [node(0.0, "a", 0.0), node(1.0, "a", 1.0), node(2.0, "b", 1.0), node(3.0, "a", 1.0)];
-        assert_eq!(materials(&nodes), [0..2, 2..3, 3..4]);
-        assert!(materials(&[]).is_empty());
-    }
-
-    #[test]
-    fn a_new_node_lies_on_the_curve() {
-        let nodes = vec![node(0.0, "a", 0.0), node(100.0, "b", 0.8), node(100.0, "c", 0.2)];
-        let function = TransferFunctionTemplate {
-            domain: Domain::Data,
-            reference_length_mm: None,
-            nodes,
-            extra: serde_json::Map::new(),
-        };
-        let positions = Positions::new(&function, None);
-        let made = |value| node_on_curve(positions, &function, value, 1.0);
-        assert!((made(50.4).at, made(50.4).opacity) == (50.0, 0.4) && made(20.0).style == "a");
-        assert!(made(-7.0).opacity == 0.0 && made(900.0).opacity == 0.2 && made(99.0).style == "b");
-    }
-
-    #[test]
-    fn numbers_are_rounded_to_what_a_pixel_tells() {
-        assert_eq!(round_to(123.456, 3.0), 123.0);
-        assert_eq!(round_to(123.456, 0.3), 123.5);
-        assert_eq!(round_to(123.456, 20.0), 120.0);
-        assert_eq!(round_to(0.123_456, 0.001), 0.123);
-        assert_eq!(round_to(1.5, 0.0), 1.5);
     }
 
     #[test]

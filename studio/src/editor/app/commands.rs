@@ -1,0 +1,291 @@
+//! What each command does; saving, and the questions on the way.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::Result;
+use eframe::egui::{self, Context, ViewportCommand};
+use glam::DVec3;
+
+use super::super::dialogs::{self, Choice, Dialog, Then};
+use super::super::file_dialog::{FileDialog, Purpose};
+use super::super::open_figure::OpenFigure;
+use super::super::panels::curve;
+use super::super::ui_command::UiCommand;
+use super::super::{files, view};
+use super::chrome::Notice;
+use super::{Editor, waker};
+use crate::figure::template::QualityName;
+use crate::figure::{Command, Document, Template};
+
+impl Editor {
+    /// Why a command cannot be run just now; `None` if it can.
+    pub fn disabled(&self, command: UiCommand) -> Option<&'static str> {
+        let document = self.document();
+        let node = self.open.as_ref().and_then(|open| open.node);
+        match command {
+            c if c.needs_figure() && document.is_none() => Some("Open a volume or a figure first (Ctrl+O)"),
+            UiCommand::Undo if document.is_some_and(|d| d.undo_label().is_none() && !d.in_gesture()) => {
+                Some("Nothing to undo")
+            }
+            UiCommand::Redo if document.is_some_and(|d| d.redo_label().is_none()) => Some("Nothing to redo"),
+            UiCommand::InsertNode | UiCommand::RemoveNode if node.is_none() => {
+                Some("Choose a node of the transfer function first")
+            }
+            UiCommand::RemoveNode
+                if self
+                    .open
+                    .as_ref()
+                    .and_then(OpenFigure::chosen)
+                    .is_some_and(|o| o.transfer_function.nodes.len() == 1) =>
+            {
+                Some("A transfer function needs one node at least")
+            }
+            UiCommand::Rename | UiCommand::ShowHide if self.open.as_ref().is_some_and(|o| o.chosen().is_none()) => {
+                Some("The figure has no object")
+            }
+            UiCommand::ReplaceVolume if document.is_some_and(|d| d.figure().volumes.is_empty()) => {
+                Some("The figure has no place for a volume")
+            }
+            _ => None,
+        }
+    }
+
+    /// Runs a command, unless it is disabled.
+    pub fn run(&mut self, ctx: &Context, command: UiCommand) {
+        if self.disabled(command).is_none() && !self.run_on_figure(command) {
+            self.run_on_window(ctx, command);
+        }
+    }
+
+    /// Runs what is an edit of the figure; whether it was one.
+    pub(super) fn run_on_figure(&mut self, command: UiCommand) -> bool {
+        use UiCommand as C;
+        let Some(open) = &mut self.open else { return false };
+        let camera = &open.document.figure().camera;
+        let side = |direction| Command::SetCamera(view::from_side(camera, direction));
+        let edit = match command {
+            C::Fit => Command::SetCamera(view::fit(camera)),
+            C::FromFront => side(DVec3::Y),
+            C::FromBack => side(DVec3::NEG_Y),
+            C::FromLeft => side(DVec3::NEG_X),
+            C::FromRight => side(DVec3::X),
+            C::FromAbove => side(DVec3::Z),
+            C::FromBelow => side(DVec3::NEG_Z),
+            C::RollLeft => Command::SetCamera(view::roll(camera, 15f64.to_radians())),
+            C::RollRight => Command::SetCamera(view::roll(camera, -15f64.to_radians())),
+            C::Projection => Command::SetProjection(view::other(camera.projection)),
+            C::QualityDraft => Command::SetQuality(QualityName::Draft),
+            C::QualityStandard => Command::SetQuality(QualityName::Standard),
+            C::QualityFinal => Command::SetQuality(QualityName::Final),
+            C::ShowHide => {
+                let visible = !open.chosen().is_some_and(|o| o.visible);
+                Command::SetVisible { object: open.object, visible }
+            }
+            C::RemoveNode => {
+                let Some(node) = open.node.take() else { return true };
+                Command::RemoveNode { object: open.object, node }
+            }
+            C::InsertNode => {
+                curve::insert_after_chosen(open);
+                return true;
+            }
+            _ => return false,
+        };
+        open.edit(edit);
+        true
+    }
+
+    pub(super) fn run_on_window(&mut self, ctx: &Context, command: UiCommand) {
+        use UiCommand as C;
+        match command {
+            C::New => self.guarded(ctx, Then::New),
+            C::Open => self.ask_for_path(ctx, Purpose::Open),
+            C::OpenFolder => self.ask_for_path(ctx, Purpose::OpenFolder),
+            C::Save => self.save(ctx),
+            C::SaveAs => self.ask_for_path(ctx, Purpose::Save),
+            C::ReplaceVolume => {
+                let slot = self.open.as_ref().and_then(OpenFigure::missing).unwrap_or(0);
+                self.ask_for_path(ctx, Purpose::Volume(slot));
+            }
+            C::Quit => self.guarded(ctx, Then::Quit),
+            C::Palette => self.dialog = Some(Dialog::Palette(String::new(), 0)),
+            C::History => self.layout.shows_history = !self.layout.shows_history,
+            C::Panels => self.layout.hides_panels = !self.layout.hides_panels,
+            C::HistogramScale => self.layout.function.logarithmic = !self.layout.function.logarithmic,
+            C::Rename => {
+                self.layout.hides_panels = false;
+                let name = self.open.as_ref().and_then(|o| Some((o.object, o.chosen()?.title().to_owned())));
+                self.layout.renaming = name;
+            }
+            C::Theme => {
+                let other = match ctx.theme() {
+                    egui::Theme::Dark => egui::ThemePreference::Light,
+                    egui::Theme::Light => egui::ThemePreference::Dark,
+                };
+                ctx.set_theme(other);
+            }
+            C::LargerText => ctx.set_zoom_factor((ctx.zoom_factor() * 1.1).min(2.0)),
+            C::SmallerText => ctx.set_zoom_factor((ctx.zoom_factor() / 1.1).max(0.75)),
+            C::Undo | C::Redo => {
+                if let Some(open) = &mut self.open {
+                    let begun = Instant::now();
+                    let done = if command == C::Undo { open.document.undo() } else { open.document.redo() };
+                    debug_assert!(done, "disabled() says whether there is a step");
+                    if let Some(timings) = &mut self.timings {
+                        timings.undone(begun.elapsed());
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Makes an edit; a fault becomes the banner.
+    pub fn edit(&mut self, command: Command) {
+        if let Some(open) = &mut self.open {
+            open.edit(command);
+        }
+    }
+
+    pub(super) fn ask_for_path(&mut self, ctx: &Context, purpose: Purpose) {
+        if self.system_dialogs {
+            if self.file_dialog.is_none() {
+                self.file_dialog = Some(FileDialog::open(purpose, &self.proposed_path(), waker(ctx)));
+            }
+        } else {
+            self.ask_for_typed_path(purpose);
+        }
+    }
+
+    pub(super) fn ask_for_typed_path(&mut self, purpose: Purpose) {
+        let proposed = match purpose {
+            Purpose::Save => self.proposed_path().display().to_string(),
+            _ => String::new(),
+        };
+        self.dialog = Some(Dialog::Path(purpose, proposed));
+    }
+
+    /// Where a figure is likely to be saved, or others to lie.
+    pub(super) fn proposed_path(&self) -> PathBuf {
+        let open = self.open.as_ref();
+        let beside_volume = || {
+            let file = PathBuf::from(&open?.document.figure().volumes.first()?.file);
+            file.is_absolute().then(|| {
+                let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                let stem = name.split('.').next().filter(|s| !s.is_empty()).unwrap_or("figure").to_owned();
+                file.with_file_name(stem + ".json")
+            })
+        };
+        let path = open.and_then(|o| o.path.clone()).or_else(beside_volume);
+        let path = path.unwrap_or_else(|| PathBuf::from("figure.json"));
+        std::path::absolute(&path).unwrap_or(path)
+    }
+
+    pub(super) fn path_given(&mut self, ctx: &Context, purpose: Purpose, path: PathBuf) {
+        match purpose {
+            Purpose::Open | Purpose::OpenFolder => self.guarded(ctx, Then::Open(vec![path])),
+            Purpose::Save => {
+                let path = if path.extension().is_none() { path.with_extension("json") } else { path };
+                self.save_to(ctx, &path);
+            }
+            Purpose::Volume(slot) => self.fill(ctx, slot, &path),
+        }
+    }
+
+    pub(super) fn guarded(&mut self, ctx: &Context, then: Then) {
+        if self.document().is_some_and(Document::is_changed) {
+            self.dialog = Some(Dialog::Unsaved(then));
+        } else {
+            self.go_on(ctx, then);
+        }
+    }
+
+    pub(super) fn go_on(&mut self, ctx: &Context, then: Then) {
+        match then {
+            Then::Quit => {
+                self.note_recent();
+                if let Some(autosave) = self.autosave.take() {
+                    // What was kept against a crash must be gone before the program is.
+                    let _ = autosave.close().join();
+                }
+                self.quitting = true;
+                ctx.send_viewport_cmd(ViewportCommand::Close);
+            }
+            Then::New => {
+                self.close_figure();
+                self.orphans = self.session.recoverable();
+                ctx.send_viewport_cmd(ViewportCommand::Title("Fabrica".to_owned()));
+            }
+            Then::Open(paths) => self.load(ctx, paths),
+            Then::Shipped(which) => self.load_shipped(ctx, which),
+            Then::Restore(which) => self.restore(ctx, which),
+        }
+    }
+
+    pub(super) fn save(&mut self, ctx: &Context) {
+        match self.open.as_ref().and_then(|open| open.path.clone()) {
+            Some(path) => self.save_to(ctx, &path),
+            None => self.ask_for_path(ctx, Purpose::Save),
+        }
+    }
+
+    pub(super) fn save_to(&mut self, ctx: &Context, path: &Path) {
+        let Some(open) = &mut self.open else { return };
+        let written = write(open, path);
+        match written {
+            Ok(()) => {
+                open.path = Some(path.to_owned());
+                ctx.send_viewport_cmd(ViewportCommand::Title(format!("{} - Fabrica", open.name())));
+                self.notice = Notice::now(format!("Saved {}", path.display()));
+                self.note_recent();
+            }
+            Err(error) => self.banner = Some(format!("{error:#}. Nothing was lost")),
+        }
+    }
+
+    pub(super) fn dialogs(&mut self, ctx: &Context) {
+        let Some(mut dialog) = self.dialog.take() else { return };
+        let chosen = dialogs::show(ctx, &mut dialog, |command| self.disabled(command));
+        match (chosen, dialog) {
+            (None, dialog) => self.dialog = Some(dialog),
+            (Some(Choice::Cancel), _) => {}
+            (Some(Choice::Run(command)), _) => self.run(ctx, command),
+            (Some(_), Dialog::Path(purpose, text)) => {
+                // A volume may be missing its file's unsaved changes; they are asked about where it matters.
+                self.path_given(ctx, purpose, PathBuf::from(text.trim()));
+            }
+            (Some(Choice::Other), Dialog::Unsaved(then)) => self.go_on(ctx, then),
+            (Some(_), Dialog::Unsaved(then)) => {
+                self.save(ctx);
+                if self.document().is_some_and(|d| !d.is_changed()) {
+                    self.go_on(ctx, then);
+                }
+            }
+            (Some(Choice::Other), Dialog::Dropped(paths)) => self.guarded(ctx, Then::Open(paths)),
+            (Some(_), Dialog::Dropped(paths)) => {
+                if let Some(path) = paths.first() {
+                    self.fill(ctx, 0, path);
+                }
+            }
+            (Some(_), Dialog::Palette(..)) => {}
+        }
+    }
+}
+
+/// Writes the figure, its files named as they are called from the new place.
+fn write(open: &mut OpenFigure, path: &Path) -> Result<()> {
+    let (old, new) = files::folders(open.path.as_deref(), path);
+    let mut renamed = Template::clone(open.document.figure());
+    for slot in &mut renamed.volumes {
+        files::rename_file(slot, old.as_deref(), new.as_deref())?;
+    }
+    files::save(&renamed, path)?;
+    // Only now: what could not be written must not have changed.
+    open.rename_files(|slot| {
+        // Those that can be parsed in the present could be in the past.
+        let _ = files::rename_file(slot, old.as_deref(), new.as_deref());
+    });
+    open.document.mark_saved();
+    Ok(())
+}

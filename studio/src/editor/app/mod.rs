@@ -1,0 +1,373 @@
+//! The window: what is open, what is shown, and how commands and gestures reach the document. It holds no figure data of its
+//! own and never waits: files are read on threads, pictures come from the painter.
+
+mod chrome;
+mod commands;
+mod opening;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use eframe::egui::{self, CentralPanel, Context, Key, Panel, Ui, ViewportCommand};
+use fabrica_engine::gpu::AdapterChoice;
+use fabrica_engine::styles::StyleLibrary;
+use fabrica_engine::volume::Volume;
+
+use self::chrome::Notice;
+use super::autosave::Autosave;
+use super::dialogs::{Dialog, Then};
+use super::file_dialog::{Answer, FileDialog};
+use super::files::{self, Job, Loaded, is_cancelled};
+use super::gallery::Gallery;
+use super::open_figure::OpenFigure;
+use super::painter::{Painter, Stage, Update};
+use super::panels::start_page::Pictures;
+use super::panels::transfer_function::{self, FunctionView};
+use super::panels::{history, objects, properties, styles};
+use super::recovery::Orphan;
+use super::session::{Recent, Session};
+use super::theme;
+use super::timings::Timings;
+use super::ui_command::UiCommand;
+use super::viewport::Viewport;
+use crate::figure::Document;
+use crate::figure::template::VolumeSlot;
+
+/// With what a window begins.
+pub struct Options {
+    /// What draws the figure.
+    pub adapter: AdapterChoice,
+    /// What is opened first: a figure, a volume, or both.
+    pub files: Vec<PathBuf>,
+    /// The styles that can be used.
+    pub styles: StyleLibrary,
+    /// What outlives the window.
+    pub session: Session,
+    /// Whether the system's file dialogs are used; without them paths are typed.
+    pub system_dialogs: bool,
+    /// Where times are written at the end, with the time at which the program began.
+    pub timings: Option<(PathBuf, Instant)>,
+}
+
+impl Options {
+    /// Nothing is opened, nothing is kept, paths are typed.
+    pub fn plain(adapter: AdapterChoice) -> Self {
+        Self {
+            adapter,
+            files: Vec::new(),
+            styles: StyleLibrary::embedded(),
+            session: Session::open(None),
+            system_dialogs: false,
+            timings: None,
+        }
+    }
+}
+
+/// What else than the figure a window shows.
+#[derive(Default)]
+struct Layout {
+    function: FunctionView,
+    search: String,
+    renaming: Option<(usize, String)>,
+    hides_panels: bool,
+    shows_history: bool,
+    pictures: Pictures,
+}
+
+/// The editor: the state behind the window.
+pub struct Editor {
+    painter: Painter,
+    gallery: Gallery,
+    session: Session,
+    adapter: String,
+    system_dialogs: bool,
+    open: Option<OpenFigure>,
+    autosave: Option<Autosave>,
+    viewport: Viewport,
+    layout: Layout,
+    loading: Option<Job<Loaded>>,
+    /// A volume on its way into a slot; whether that is an edit, or only brings what the figure names.
+    filling: Option<(Job<Arc<Volume>>, usize, VolumeSlot, bool)>,
+    searching: Option<(Job<Vec<PathBuf>>, usize)>,
+    /// A slot whose volume could not be read, and why; it is not tried again by itself.
+    missing: Option<(VolumeSlot, String)>,
+    file_dialog: Option<FileDialog>,
+    dialog: Option<Dialog>,
+    recents: Vec<Recent>,
+    orphans: Vec<Orphan>,
+    /// What went wrong last, until it is closed.
+    banner: Option<String>,
+    /// What is worth a line in the status bar, for a while.
+    notice: Notice,
+    timings: Option<Timings>,
+    quitting: bool,
+}
+
+impl Editor {
+    /// An editor without a figure; what the options name is opened.
+    pub fn new(ctx: &Context, options: Options) -> Self {
+        theme::install(ctx);
+        ctx.options_mut(|o| o.zoom_with_keyboard = false);
+        let styles = Arc::new(options.styles);
+        let mut editor = Self {
+            painter: Painter::start(options.adapter, styles.clone(), waker(ctx)),
+            gallery: Gallery::start(ctx, styles),
+            recents: options.session.recents(),
+            orphans: options.session.recoverable(),
+            session: options.session,
+            adapter: String::new(),
+            system_dialogs: options.system_dialogs,
+            open: None,
+            autosave: None,
+            viewport: Viewport::default(),
+            layout: Layout::default(),
+            loading: None,
+            filling: None,
+            searching: None,
+            missing: None,
+            file_dialog: None,
+            dialog: None,
+            banner: None,
+            notice: Notice::default(),
+            timings: options.timings.map(|(path, begun)| Timings::new(path, begun)),
+            quitting: false,
+        };
+        if !options.files.is_empty() {
+            editor.load(ctx, options.files);
+        }
+        editor
+    }
+
+    /// The document, if one is open.
+    pub fn document(&self) -> Option<&Document> {
+        self.open.as_ref().map(|open| &open.document)
+    }
+
+    /// The figure that is open, with what is chosen in it.
+    pub fn open_figure(&mut self) -> Option<&mut OpenFigure> {
+        self.open.as_mut()
+    }
+
+    /// Whether something is read, or a picture is still to come.
+    pub fn is_busy(&self) -> bool {
+        let waits = self.loading.is_some() || self.filling.is_some() || self.searching.is_some();
+        let drawn = matches!(self.viewport.picture.stage, Some(Stage::Refined { .. } | Stage::Failed));
+        waits || self.open.as_ref().is_some_and(|open| open.missing().is_none() && !drawn)
+    }
+
+    /// The last fault that the user was told.
+    pub fn banner(&self) -> Option<&str> {
+        self.banner.as_deref()
+    }
+
+    /// The last line in the status bar.
+    pub fn notice(&self) -> &str {
+        &self.notice.text
+    }
+
+    /// The thread that draws.
+    pub fn painter(&self) -> &Painter {
+        &self.painter
+    }
+
+    fn poll(&mut self, ctx: &Context) {
+        self.gallery.poll(ctx);
+        if let Some(result) = self.loading.as_ref().and_then(Job::finished) {
+            self.loading = None;
+            match result {
+                Ok(loaded) => self.show_loaded(ctx, loaded),
+                Err(error) if is_cancelled(&error) => self.notice = Notice::now("Opening was cancelled"),
+                Err(error) => self.banner = Some(format!("{error:#}")),
+            }
+        }
+        self.poll_volumes(ctx);
+        let updates: Vec<Update> = self.painter.updates().collect();
+        for update in updates {
+            match update {
+                Update::Ready(name) => self.adapter = name,
+                Update::Restarted => self.notice = Notice::now("Graphics device restarted"),
+                update => {
+                    if let Some(fault) = self.viewport.picture.take(ctx, update) {
+                        self.banner = Some(fault);
+                    }
+                }
+            }
+        }
+        if let Some(answer) = self.file_dialog.as_ref().and_then(FileDialog::poll)
+            && let Some(dialog) = self.file_dialog.take()
+        {
+            match answer {
+                Answer::Path(path) => self.path_given(ctx, dialog.purpose, path),
+                Answer::Nothing => {}
+                Answer::NoDialog => self.ask_for_typed_path(dialog.purpose),
+            }
+        }
+        if let Some(fault) = self.open.as_mut().and_then(|open| open.fault.take()) {
+            self.banner = Some(fault);
+        }
+    }
+
+    /// The whole window.
+    pub fn ui(&mut self, ui: &mut Ui) {
+        let ctx = ui.ctx().clone();
+        self.poll(&ctx);
+        self.escape(&ctx);
+        self.dropped(&ctx);
+        if ctx.input(|i| i.viewport().close_requested()) && !self.quitting {
+            ctx.send_viewport_cmd(ViewportCommand::CancelClose);
+            self.guarded(&ctx, Then::Quit);
+        }
+        self.autosave(&ctx);
+        let bar = egui::Frame::new().fill(theme::tokens(&ctx).panel).inner_margin(egui::Margin::symmetric(8, 2));
+        Panel::top("menus").frame(bar).show(ui, |ui| self.menus(ui));
+        Panel::bottom("status").frame(bar).show(ui, |ui| self.status(ui));
+        self.banners(ui);
+        let canvas = egui::Frame::new().fill(theme::tokens(&ctx).canvas);
+        if self.loading.is_some() {
+            CentralPanel::default().frame(canvas).show(ui, |ui| self.progress(ui));
+        } else if self.open.is_some() {
+            self.workspace(ui, canvas);
+        } else {
+            self.start_page(ui);
+        }
+        self.shortcuts(&ctx);
+        self.dialogs(&ctx);
+        if let Some(timings) = &mut self.timings {
+            let busy = self.open.is_some() && !self.viewport.picture.is_refined();
+            timings.frame(busy, self.open.is_some() || self.loading.is_none());
+        }
+    }
+
+    fn autosave(&mut self, ctx: &Context) {
+        let Some((open, autosave)) = self.open.as_ref().zip(self.autosave.as_mut()) else { return };
+        if let Some(wait) = autosave.tick(&open.document, open.path.as_deref(), Instant::now()) {
+            ctx.request_repaint_after(wait);
+        }
+    }
+
+    /// Shortcuts, at the end of a frame: what the pointer did in it came first (a drag, then Ctrl+S).
+    fn shortcuts(&mut self, ctx: &Context) {
+        if self.dialog.is_some() {
+            return;
+        }
+        let typing = ctx.text_edit_focused();
+        // Those with more modifiers first: egui's test ignores further ones.
+        let mut keyed: Vec<_> = UiCommand::ALL.iter().filter_map(|c| Some((*c, c.shortcut()?))).collect();
+        keyed.sort_by_key(|(_, s)| {
+            let m = s.modifiers;
+            std::cmp::Reverse([m.alt, m.shift, m.ctrl || m.command].into_iter().filter(|on| *on).count())
+        });
+        for (command, shortcut) in keyed {
+            if !(typing && command.yields_to_text()) && ctx.input_mut(|i| i.consume_shortcut(&shortcut)) {
+                self.run(ctx, command);
+                ctx.request_repaint();
+            }
+        }
+    }
+
+    fn escape(&mut self, ctx: &Context) {
+        if !ctx.input(|i| i.key_pressed(Key::Escape)) {
+            return;
+        }
+        let gesture = self.open.as_mut().is_some_and(|open| {
+            let under_way = open.document.in_gesture();
+            open.document.abort();
+            under_way
+        });
+        if !gesture
+            && !self.viewport.dismiss()
+            && self.dialog.is_none()
+            && !ctx.text_edit_focused()
+            && let Some(open) = &mut self.open
+        {
+            open.node = None;
+        }
+    }
+
+    fn dropped(&mut self, ctx: &Context) {
+        let paths: Vec<PathBuf> = ctx.input(|i| i.raw.dropped_files.iter().map(|f| f.path().to_owned()).collect());
+        if paths.is_empty() {
+            return;
+        }
+        // A volume on an open figure may be meant for it.
+        if self.open.is_some() && paths.len() == 1 && !paths.iter().any(|p| files::is_template(p)) {
+            self.dialog = Some(Dialog::Dropped(paths));
+        } else {
+            self.guarded(ctx, Then::Open(paths));
+        }
+    }
+
+    /// The figure with its panels.
+    fn workspace(&mut self, ui: &mut Ui, canvas: egui::Frame) {
+        let Some(open) = &mut self.open else { return };
+        let ctx = ui.ctx().clone();
+        let frame = theme::panel_frame(&ctx);
+        let mut wants_volume = false;
+        let shown = !self.layout.hides_panels;
+        if shown {
+            Panel::right("right").frame(frame).default_size(290.0).size_range(220.0..=420.0).show(ui, |ui| {
+                objects::show(ui, open, &self.gallery, &mut self.layout.renaming);
+                ui.separator();
+                if self.layout.shows_history {
+                    history::show(ui, open);
+                    ui.separator();
+                }
+                egui::ScrollArea::vertical().id_salt("properties").auto_shrink(false).show(ui, |ui| {
+                    wants_volume = properties::show(ui, open);
+                });
+            });
+            Panel::bottom("function").frame(frame).default_size(210.0).size_range(120.0..=480.0).resizable(true).show(
+                ui,
+                |ui| {
+                    Panel::right("gallery")
+                        .frame(egui::Frame::new().inner_margin(egui::Margin { left: 12, ..Default::default() }))
+                        .default_size(290.0)
+                        .size_range(150.0..=520.0)
+                        .show(ui, |ui| styles::show(ui, open, &self.gallery, &mut self.layout.search));
+                    CentralPanel::default().frame(egui::Frame::new()).show(ui, |ui| {
+                        transfer_function::show(ui, open, &self.gallery, &mut self.layout.function);
+                    });
+                },
+            );
+        }
+        CentralPanel::default().frame(canvas).show(ui, |ui| {
+            self.viewport.show(ui, open, &self.gallery, &mut self.layout.function, &self.painter);
+        });
+        if wants_volume {
+            self.run(&ctx, UiCommand::ReplaceVolume);
+        }
+    }
+
+    /// The window is going: writes what is to be written.
+    pub fn leave(&mut self) {
+        if let Some(timings) = self.timings.take()
+            && let Err(error) = timings.write(&self.viewport.picture.coarse_ms)
+        {
+            eprintln!("error: {error:#}");
+        }
+        // Where nobody was asked (the session ends), what is not saved is kept.
+        if let Some((open, autosave)) = self.open.as_ref().zip(self.autosave.take()) {
+            autosave.leave(&open.document, open.path.as_deref());
+        }
+    }
+}
+
+/// Wakes the window from another thread.
+fn waker(ctx: &Context) -> impl Fn() + Send + 'static {
+    let ctx = ctx.clone();
+    move || ctx.request_repaint()
+}
+
+impl eframe::App for Editor {
+    fn ui(&mut self, ui: &mut Ui, frame: &mut eframe::Frame) {
+        if let Some(timings) = &mut self.timings {
+            timings.cpu_usage(frame.info().cpu_usage);
+        }
+        Self::ui(self, ui);
+    }
+
+    fn on_exit(&mut self) {
+        self.leave();
+    }
+}

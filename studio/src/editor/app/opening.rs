@@ -1,0 +1,168 @@
+//! How figures and volumes come in, and go.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use eframe::egui::{Context, ViewportCommand};
+use fabrica_engine::volume::Volume;
+
+use super::super::autosave::Autosave;
+use super::super::files::{self, Job, Loaded, is_cancelled};
+use super::super::open_figure::OpenFigure;
+use super::super::recovery::{Recoverable, RecoverySlot};
+use super::super::session::Pixels;
+use super::chrome::Notice;
+use super::{Editor, waker};
+use crate::figure::shipped::SHIPPED;
+use crate::figure::{Command, Document, Template};
+
+impl Editor {
+    pub(super) fn load(&mut self, ctx: &Context, paths: Vec<PathBuf>) {
+        let title = paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
+        self.begin_loading(Job::start(title, waker(ctx), move |progress| files::load(&paths, progress)));
+    }
+
+    pub(super) fn begin_loading(&mut self, job: Job<Loaded>) {
+        if let Some(loading) = self.loading.replace(job) {
+            loading.progress.cancel();
+        }
+        self.banner = None;
+    }
+
+    pub(super) fn load_shipped(&mut self, ctx: &Context, which: usize) {
+        let figure = SHIPPED[which].figure();
+        let job = Job::start(figure.title.clone(), waker(ctx), move |p| files::load_figure(figure, None, p));
+        self.begin_loading(job);
+    }
+
+    pub(super) fn restore(&mut self, ctx: &Context, which: usize) {
+        if which >= self.orphans.len() {
+            return;
+        }
+        match self.orphans.remove(which).restore() {
+            Ok((found, slot)) => {
+                let Recoverable { path, figure, .. } = found;
+                let saved = path.as_deref().and_then(|p| Template::read(p).ok());
+                self.show_document(ctx, Document::recovered(figure, saved), path, &[], Some(slot));
+                self.notice = Notice::now("Recovered; save it to keep it");
+            }
+            Err(error) => self.banner = Some(format!("{error:#}")),
+        }
+    }
+
+    /// Volumes that are missing are read, found, or asked for.
+    pub(super) fn poll_volumes(&mut self, ctx: &Context) {
+        if let Some((job, ..)) = &self.filling
+            && let Some(result) = job.finished()
+            && let Some((_, number, slot, is_edit)) = self.filling.take()
+            && let Some(open) = &mut self.open
+        {
+            match result {
+                Ok(volume) => {
+                    self.notice = Notice::now(volume.warnings.join("; "));
+                    open.keep_volume(slot.clone(), volume);
+                    if is_edit {
+                        open.edit(Command::SetVolume { slot: number, volume: slot });
+                    }
+                    self.missing = None;
+                    self.viewport.picture.ask_again();
+                }
+                Err(error) if is_edit && is_cancelled(&error) => {}
+                Err(error) if is_edit => self.banner = Some(format!("{error:#}. The figure is as it was")),
+                Err(error) => self.missing = Some((slot, format!("{error:#}"))),
+            }
+        }
+        if let Some((job, _)) = &self.searching
+            && let Some(result) = job.finished()
+            && let Some((_, number)) = self.searching.take()
+        {
+            match result.map(|found| found.into_iter().next()) {
+                Ok(Some(path)) => self.fill(ctx, number, &path),
+                Ok(None) => self.banner = Some("There is no file of this name in the folder or below it".to_owned()),
+                Err(error) if is_cancelled(&error) => {}
+                Err(error) => self.banner = Some(format!("{error:#}")),
+            }
+        }
+        // Undo may bring back a slot that was never read.
+        let Some(open) = self.open.as_ref().filter(|_| self.filling.is_none()) else { return };
+        let Some(number) = open.missing() else { return };
+        let slot = open.document.figure().volumes[number].clone();
+        if self.missing.as_ref().is_some_and(|(tried, _)| *tried == slot) {
+            return;
+        }
+        let (theirs, folder) = (slot.clone(), open.folder().to_owned());
+        let job = Job::start(slot.file.clone(), waker(ctx), move |p| files::load_slot(&theirs, &folder, p));
+        self.filling = Some((job, number, slot, false));
+    }
+
+    /// Reads a file for a slot; once it is there, its use is an edit.
+    pub(super) fn fill(&mut self, ctx: &Context, number: usize, path: &Path) {
+        let Some(open) = &self.open else { return };
+        let Some(slot) = open.document.figure().volumes.get(number) else { return };
+        match files::slot_for(slot, path) {
+            Ok(slot) => {
+                let theirs = slot.clone();
+                let job =
+                    Job::start(slot.file.clone(), waker(ctx), move |p| files::load_slot(&theirs, Path::new(""), p));
+                self.filling = Some((job, number, slot, true));
+            }
+            Err(error) => self.banner = Some(format!("{error:#}")),
+        }
+    }
+
+    pub(super) fn show_loaded(&mut self, ctx: &Context, loaded: Loaded) {
+        let notes = loaded.notes.join("; ");
+        let unread = loaded.volumes.is_empty() && !loaded.figure.volumes.is_empty();
+        let slot = loaded.figure.volumes.first().cloned();
+        self.show_document(ctx, Document::new(loaded.figure), loaded.path, &loaded.volumes, None);
+        if let (true, Some(slot)) = (unread, slot) {
+            self.missing = Some((slot, notes));
+        } else {
+            self.notice = Notice::now(notes);
+        }
+    }
+
+    pub(super) fn show_document(
+        &mut self,
+        ctx: &Context,
+        document: Document,
+        path: Option<PathBuf>,
+        volumes: &[Arc<Volume>],
+        slot: Option<RecoverySlot>,
+    ) {
+        self.close_figure();
+        self.autosave = Some(Autosave::start(self.session.clone(), slot, waker(ctx)));
+        let open = OpenFigure::new(document, path, volumes);
+        ctx.send_viewport_cmd(ViewportCommand::Title(format!("{} - Fabrica", open.name())));
+        self.open = Some(open);
+        self.note_recent();
+    }
+
+    /// Takes the open figure away; what was kept of it against a crash goes with it.
+    pub(super) fn close_figure(&mut self) {
+        self.note_recent();
+        if let Some(autosave) = self.autosave.take() {
+            // Nobody needs to wait for it.
+            drop(autosave.close());
+        }
+        self.open = None;
+        (self.filling, self.searching, self.missing) = (None, None, None);
+        (self.banner, self.notice) = (None, Notice::default());
+        self.viewport.picture.clear();
+        self.viewport.dismiss();
+        self.layout.function.forget_figure();
+        self.layout.renaming = None;
+    }
+
+    /// Puts a saved figure on the list of recent ones, with its picture if there is one.
+    pub(super) fn note_recent(&mut self) {
+        let Some(open) = &self.open else { return };
+        let Some(path) = &open.path else { return };
+        let picture = self.viewport.picture.pixels().filter(|_| !open.document.is_changed());
+        let thumbnail = picture.map(|(rgba, size)| Pixels { size, rgba });
+        // Best effort: the list is no part of anybody's work.
+        let _ = self.session.note_recent(path, open.document.figure(), thumbnail);
+        self.recents = self.session.recents();
+        self.layout.pictures.clear();
+    }
+}
