@@ -121,7 +121,7 @@ fn path(ui: &mut Ui, purpose: Purpose, text: &mut String) -> Option<Choice> {
     };
     ui.heading(title);
     let label = ui.label("Path");
-    let field = ui.add(egui::TextEdit::singleline(text).desired_width(f32::INFINITY)).labelled_by(label.id);
+    let field = ui.add(theme::text_field(text).desired_width(f32::INFINITY)).labelled_by(label.id);
     if ui.memory(|m| m.focused().is_none()) {
         field.request_focus();
     }
@@ -146,13 +146,13 @@ fn palette(
     disabled: &impl Fn(UiCommand) -> Option<&'static str>,
 ) -> Option<Choice> {
     let mut choice = None;
-    let field = egui::TextEdit::singleline(text).hint_text("Command").desired_width(f32::INFINITY);
+    let field = theme::text_field(text).hint_text("Command").desired_width(f32::INFINITY);
     let field = ui.add(field).accessible_name("Command");
     field.request_focus();
     if field.changed() {
         *at = 0;
     }
-    let found: Vec<UiCommand> = UiCommand::ALL.iter().copied().filter(|c| matches(c.text(), text)).collect();
+    let found = find(text);
     // The field keeps the focus, so these keys are free.
     let (up, down, enter) =
         ui.input(|i| (i.key_pressed(Key::ArrowUp), i.key_pressed(Key::ArrowDown), i.key_pressed(Key::Enter)));
@@ -182,8 +182,54 @@ fn palette(
     choice
 }
 
-/// Whether the letters of `typed` come in `name`, in this order.
-fn matches(name: &str, typed: &str) -> bool {
-    let mut letters = name.chars().flat_map(char::to_lowercase);
-    typed.chars().flat_map(char::to_lowercase).filter(|c| !c.is_whitespace()).all(|c| letters.any(|l| l == c))
+/// How well `typed` fits a command's name, the best 0; none if it does not: its letters do not come in this order.
+fn rank(name: &str, typed: &str) -> Option<usize> {
+    let name: Vec<char> = name.chars().flat_map(char::to_lowercase).collect();
+    let typed: Vec<char> = typed.trim().chars().flat_map(char::to_lowercase).collect();
+    let begins = |at: usize| name[at..].starts_with(&typed);
+    let is_word = |at: usize| at == 0 || !name[at - 1].is_alphanumeric();
+    if begins(0) {
+        Some(0)
+    } else if (0..name.len()).any(|at| is_word(at) && begins(at)) {
+        Some(1)
+    } else if (0..name.len()).any(begins) {
+        Some(2)
+    } else {
+        let mut letters = name.iter();
+        let wanted = typed.iter().filter(|c| !c.is_whitespace());
+        let mut initials = name.iter().enumerate().filter(|(at, _)| is_word(*at)).map(|(_, c)| c);
+        if wanted.clone().all(|c| initials.any(|l| l == c)) {
+            return Some(3);
+        }
+        wanted.clone().all(|c| letters.any(|l| l == c)).then_some(4)
+    }
+}
+
+/// The commands that fit what is typed, the best first.
+fn find(typed: &str) -> Vec<UiCommand> {
+    let mut found: Vec<_> = UiCommand::ALL.iter().filter_map(|c| Some((rank(c.text(), typed)?, *c))).collect();
+    found.sort_by_key(|(rank, _)| *rank);
+    found.into_iter().map(|(_, command)| command).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_palette_finds_what_is_meant_first() {
+        for (typed, command) in [
+            ("light", UiCommand::Theme),
+            ("larg", UiCommand::LargerText),
+            ("undo", UiCommand::Undo),
+            ("left si", UiCommand::FromLeft),
+            ("volume", UiCommand::ReplaceVolume),
+            ("fb", UiCommand::FromBack),
+            ("SAVE AS", UiCommand::SaveAs),
+        ] {
+            assert_eq!(find(typed).first(), Some(&command), "{typed}");
+        }
+        assert_eq!(find("").len(), UiCommand::ALL.len());
+        assert!(find("xyzzy").is_empty());
+    }
 }

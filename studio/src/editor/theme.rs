@@ -95,6 +95,11 @@ pub fn panel_frame(ctx: &Context) -> egui::Frame {
     egui::Frame::new().fill(tokens(ctx).panel).inner_margin(Margin::symmetric(12, 6))
 }
 
+/// A field for a line of text, as wide as its place.
+pub fn text_field(text: &mut String) -> egui::TextEdit<'_> {
+    egui::TextEdit::singleline(text).align(egui::Align2::LEFT_CENTER)
+}
+
 /// The heading of a panel.
 pub fn heading(text: &str) -> egui::RichText {
     egui::RichText::new(text).strong().size(13.0)

@@ -214,7 +214,7 @@ fn size(figure: &Template) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figure::template::{NodeTemplate, ProjectionName, QualityName};
+    use crate::figure::template::{Background, NodeTemplate, ProjectionName, QualityName, VolumeSlot};
 
     fn figure() -> Template {
         Template::parse(include_str!("../../../templates/head_glass.json")).unwrap()
@@ -322,7 +322,7 @@ mod tests {
         fn command(&mut self, document: &Document) -> Command {
             let node = self.below(9);
             let object = usize::from(self.below(20) == 0);
-            match self.below(13) {
+            match self.below(16) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
@@ -346,14 +346,50 @@ mod tests {
                 9 => Command::SetReferenceLength { object, length_mm: Some(self.number()) },
                 10 => Command::SetName { object, name: ["", "Skull"][self.below(2)].to_owned() },
                 11 => Command::SetVisible { object, visible: self.below(2) == 0 },
+                12 => {
+                    let other = Background::Color([self.below(256) as u8; 3]);
+                    Command::SetBackground([Background::Transparent, other][self.below(2)])
+                }
+                13 => {
+                    let shipped = Template::parse(include_str!("../../../templates/head_xray.json")).unwrap();
+                    Command::SetTransferFunction { object, function: shipped.objects[0].transfer_function.clone() }
+                }
+                14 => {
+                    let volume =
+                        VolumeSlot { file: format!("{}.nii", self.below(9)), ..document.figure().volumes[0].clone() };
+                    Command::SetVolume { slot: self.below(2), volume }
+                }
                 _ => Command::MoveNode { object, node, at: self.number(), opacity: self.number() },
             }
+        }
+    }
+
+    /// What kind of command it is. A new one has to be thought of here, and in the dice.
+    fn kind(command: &Command) -> usize {
+        match command {
+            Command::SetTitle(_) => 0,
+            Command::SetCamera(_) => 1,
+            Command::SetProjection(_) => 2,
+            Command::SetBackground(_) => 3,
+            Command::SetPage(_) => 4,
+            Command::SetQuality(_) => 5,
+            Command::SetTransferFunction { .. } => 6,
+            Command::InsertNode { .. } => 7,
+            Command::MoveNode { .. } => 8,
+            Command::SetStyle { .. } => 9,
+            Command::RemoveNode { .. } => 10,
+            Command::SetGradientScale { .. } => 11,
+            Command::SetReferenceLength { .. } => 12,
+            Command::SetName { .. } => 13,
+            Command::SetVisible { .. } => 14,
+            Command::SetVolume { .. } => 15,
         }
     }
 
     #[test]
     fn a_random_walk_keeps_the_figure_whole_and_can_be_undone_to_its_first_byte() {
         let first = figure().to_json().unwrap();
+        let mut done = [0; 16];
         for seed in 0..20 {
             let mut dice = Dice(seed);
             let mut document = Document::new(figure());
@@ -365,7 +401,13 @@ mod tests {
                     2 => document.begin(),
                     3 => document.commit(),
                     4 => document.abort(),
-                    _ => refused += usize::from(document.apply(dice.command(&document)).is_err()),
+                    _ => {
+                        let command = dice.command(&document);
+                        let kind = kind(&command);
+                        let outcome = document.apply(command);
+                        refused += usize::from(outcome.is_err());
+                        done[kind] += usize::from(outcome.is_ok());
+                    }
                 }
                 // What can be edited can be saved and read again, and says the same.
                 let text = document.figure().to_json().unwrap();
@@ -385,5 +427,6 @@ mod tests {
             while document.redo() {}
             assert_eq!(document.figure().to_json().unwrap(), last, "seed {seed}");
         }
+        assert!(done.iter().all(|n| *n > 0), "never done: {done:?}");
     }
 }

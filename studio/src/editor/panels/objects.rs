@@ -69,8 +69,7 @@ fn name(
     renaming: &mut Option<(usize, String)>,
 ) {
     if let Some((_, text)) = renaming.as_mut().filter(|(which, _)| *which == object) {
-        let field =
-            ui.add(egui::TextEdit::singleline(text).desired_width(f32::INFINITY)).accessible_name("Object name");
+        let field = ui.add(theme::text_field(text).desired_width(f32::INFINITY)).accessible_name("Object name");
         if !field.has_focus() && !field.lost_focus() {
             field.request_focus();
         }

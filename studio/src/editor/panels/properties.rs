@@ -129,7 +129,7 @@ fn page(ui: &mut Ui, open: &mut OpenFigure) {
     let page = &figure.figure;
     let mut title = figure.title.clone();
     let response = row(ui, "Title", "What the figure shows", |ui, label| {
-        ui.add(egui::TextEdit::singleline(&mut title).desired_width(f32::INFINITY)).accessible_name(label)
+        ui.add(theme::text_field(&mut title).desired_width(f32::INFINITY)).accessible_name(label)
     });
     // What is typed in one go is one step.
     if response.gained_focus() {

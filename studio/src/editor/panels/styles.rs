@@ -15,7 +15,7 @@ const SPHERE: f32 = 19.0;
 pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut String) {
     ui.horizontal(|ui| {
         ui.label(theme::heading("Styles"));
-        let field = egui::TextEdit::singleline(search).hint_text("Find a style").desired_width(f32::INFINITY);
+        let field = theme::text_field(search).hint_text("Find a style").desired_width(f32::INFINITY);
         ui.add(field).accessible_name("Find a style");
     });
     let wanted = search.to_lowercase();

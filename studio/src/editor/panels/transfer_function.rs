@@ -116,28 +116,27 @@ fn header(
     positions: Positions<'_>,
     volume: Option<&Volume>,
 ) {
-    ui.horizontal(|ui| {
-        ui.label(theme::heading("Transfer function"));
-        let nodes = open.chosen().map_or_else(Vec::new, |o| o.transfer_function.nodes.clone());
-        match open.node.and_then(|n| Some((n, nodes.get(n)?))) {
-            Some((number, node)) => node_fields(ui, open, gallery, positions, volume, number, node, nodes.len()),
-            None => {
-                ui.label(theme::small(
-                    ui.ctx(),
-                    "Double-click adds a node, drag moves it, drop a style on a sphere or between",
-                ));
-            }
+    // From the right: what is on the left gets the rest.
+    let right_to_left = egui::Layout::right_to_left(egui::Align::Center);
+    ui.allocate_ui_with_layout(Vec2::new(ui.available_width(), theme::ROW), right_to_left, |ui| {
+        if view.range.is_some() && ui.button("Whole range").on_hover_text("Shows all values again").clicked() {
+            view.range = None;
         }
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            if view.range.is_some() && ui.button("Whole range").on_hover_text("Shows all values again").clicked() {
-                view.range = None;
-            }
-            let tooltip = "How the histogram counts: logarithms show what few voxels have";
-            if ui.selectable_label(!view.logarithmic, "Linear").on_hover_text(tooltip).clicked() {
-                view.logarithmic = false;
-            }
-            if ui.selectable_label(view.logarithmic, "Log").on_hover_text(tooltip).clicked() {
-                view.logarithmic = true;
+        let tooltip = "How the histogram counts: logarithms show what few voxels have";
+        if ui.selectable_label(!view.logarithmic, "Linear").on_hover_text(tooltip).clicked() {
+            view.logarithmic = false;
+        }
+        if ui.selectable_label(view.logarithmic, "Log").on_hover_text(tooltip).clicked() {
+            view.logarithmic = true;
+        }
+        ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+            ui.label(theme::heading("Transfer function"));
+            let nodes = open.chosen().map_or_else(Vec::new, |o| o.transfer_function.nodes.clone());
+            if let Some((n, node)) = open.node.and_then(|n| Some((n, nodes.get(n)?))) {
+                node_fields(ui, open, gallery, positions, volume, n, node, nodes.len());
+            } else {
+                let hint = "Double-click adds a node, drag moves it, drop a style on a sphere or between";
+                ui.add(egui::Label::new(theme::small(ui.ctx(), hint)).truncate());
             }
         });
     });
