@@ -1,7 +1,7 @@
 //! What stands in front of everything else until it is answered: the palette, questions, a path where the system has no dialog
 //! for it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, Context, Key, Modal, Ui};
 
@@ -125,11 +125,16 @@ fn path(ui: &mut Ui, purpose: Purpose, text: &mut String) -> Option<Choice> {
     if ui.memory(|m| m.focused().is_none()) {
         field.request_focus();
     }
+    let replaces = purpose == Purpose::Save && Path::new(text.trim()).is_file();
+    if replaces {
+        ui.colored_label(theme::tokens(ui.ctx()).warning, "There is a file of this name; it will be replaced.");
+    }
     // The field keeps the focus, so that Enter does not end it as elsewhere.
     let entered = ui.input(|i| i.key_pressed(Key::Enter));
     let mut choice = None;
+    ui.add_space(8.0);
     ui.horizontal(|ui| {
-        if (filled(ui, verb).clicked() || entered) && !text.trim().is_empty() {
+        if (filled(ui, if replaces { "Replace" } else { verb }).clicked() || entered) && !text.trim().is_empty() {
             choice = Some(Choice::Accept);
         }
         if ui.button("Cancel").clicked() {

@@ -20,6 +20,24 @@ use super::super::ui_command::UiCommand;
 use super::super::{find_file, theme};
 use super::{Editor, waker};
 
+/// What went wrong, until it is closed.
+#[derive(Clone, Debug)]
+pub(super) struct Banner {
+    pub(super) text: String,
+    /// A way out.
+    pub(super) offer: Option<UiCommand>,
+}
+
+impl Banner {
+    /// A fault as a sentence.
+    pub(super) fn new(text: impl Into<String>) -> Self {
+        let text = text.into();
+        let mut letters = text.chars();
+        let first = letters.next().into_iter().flat_map(char::to_uppercase);
+        Self { text: first.chain(letters).collect(), offer: None }
+    }
+}
+
 /// A line that is shown for a while.
 #[derive(Default)]
 pub(super) struct Notice {
@@ -168,7 +186,13 @@ impl Editor {
         if let Some(banner) = self.banner.clone() {
             Panel::top("banner").frame(frame).show(ui, |ui| {
                 ui.horizontal_wrapped(|ui| {
-                    ui.colored_label(tokens.error, banner);
+                    ui.colored_label(tokens.error, &banner.text);
+                    if let Some(command) = banner.offer
+                        && ui.button(command.text()).clicked()
+                    {
+                        self.banner = None;
+                        self.run(&ctx, command);
+                    }
                     if ui.button("Close").clicked() {
                         self.banner = None;
                     }
@@ -261,7 +285,7 @@ impl Editor {
             }
             Some(start_page::Choice::Discard(which)) => {
                 if let Err(error) = self.orphans.remove(which).discard() {
-                    self.banner = Some(format!("{error:#}"));
+                    self.banner = Some(Banner::new(format!("{error:#}")));
                 }
             }
         }

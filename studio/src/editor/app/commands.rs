@@ -13,7 +13,7 @@ use super::super::open_figure::OpenFigure;
 use super::super::panels::curve;
 use super::super::ui_command::UiCommand;
 use super::super::{files, view};
-use super::chrome::Notice;
+use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
 use crate::figure::template::QualityName;
 use crate::figure::{Command, Document, Template};
@@ -214,7 +214,7 @@ impl Editor {
             }
             Then::New => {
                 self.close_figure();
-                self.orphans = self.session.recoverable();
+                self.refresh_start_page();
                 ctx.send_viewport_cmd(ViewportCommand::Title("Fabrica".to_owned()));
             }
             Then::Open(paths) => self.load(ctx, paths),
@@ -240,7 +240,10 @@ impl Editor {
                 self.notice = Notice::now(format!("Saved {}", path.display()));
                 self.note_recent();
             }
-            Err(error) => self.banner = Some(format!("{error:#}. Nothing was lost")),
+            Err(error) => {
+                let text = format!("{error:#}. Nothing was lost");
+                self.banner = Some(Banner { offer: Some(UiCommand::SaveAs), ..Banner::new(text) });
+            }
         }
     }
 

@@ -7,6 +7,7 @@ mod opening;
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::thread::JoinHandle;
 use std::time::Instant;
 
 use eframe::egui::{self, CentralPanel, Context, Key, Panel, Ui, ViewportCommand};
@@ -14,7 +15,7 @@ use fabrica_engine::gpu::AdapterChoice;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 
-use self::chrome::Notice;
+use self::chrome::{Banner, Notice};
 use super::autosave::Autosave;
 use super::dialogs::{Dialog, Then};
 use super::file_dialog::{Answer, FileDialog};
@@ -95,9 +96,11 @@ pub struct Editor {
     file_dialog: Option<FileDialog>,
     dialog: Option<Dialog>,
     recents: Vec<Recent>,
+    /// The thread that puts a figure on that list.
+    noting: Option<JoinHandle<()>>,
     orphans: Vec<Orphan>,
     /// What went wrong last, until it is closed.
-    banner: Option<String>,
+    banner: Option<Banner>,
     /// What is worth a line in the status bar, for a while.
     notice: Notice,
     timings: Option<Timings>,
@@ -111,6 +114,7 @@ impl Editor {
         ctx.options_mut(|o| o.zoom_with_keyboard = false);
         let styles = Arc::new(options.styles);
         let mut editor = Self {
+            noting: None,
             painter: Painter::start(options.adapter, styles.clone(), waker(ctx)),
             gallery: Gallery::start(ctx, styles),
             recents: options.session.recents(),
@@ -158,7 +162,7 @@ impl Editor {
 
     /// The last fault that the user was told.
     pub fn banner(&self) -> Option<&str> {
-        self.banner.as_deref()
+        self.banner.as_ref().map(|banner| banner.text.as_str())
     }
 
     /// The last line in the status bar.
@@ -178,7 +182,7 @@ impl Editor {
             match result {
                 Ok(loaded) => self.show_loaded(ctx, loaded),
                 Err(error) if is_cancelled(&error) => self.notice = Notice::now("Opening was cancelled"),
-                Err(error) => self.banner = Some(format!("{error:#}")),
+                Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
             }
         }
         self.poll_volumes(ctx);
@@ -189,7 +193,7 @@ impl Editor {
                 Update::Restarted => self.notice = Notice::now("Graphics device restarted"),
                 update => {
                     if let Some(fault) = self.viewport.picture.take(ctx, update) {
-                        self.banner = Some(fault);
+                        self.banner = Some(Banner::new(fault));
                     }
                 }
             }
@@ -204,7 +208,7 @@ impl Editor {
             }
         }
         if let Some(fault) = self.open.as_mut().and_then(|open| open.fault.take()) {
-            self.banner = Some(fault);
+            self.banner = Some(Banner::new(fault));
         }
     }
 
@@ -346,6 +350,7 @@ impl Editor {
         {
             eprintln!("error: {error:#}");
         }
+        self.noted();
         // Where nobody was asked (the session ends), what is not saved is kept.
         if let Some((open, autosave)) = self.open.as_ref().zip(self.autosave.take()) {
             autosave.leave(&open.document, open.path.as_deref());

@@ -11,7 +11,7 @@ use super::super::files::{self, Job, Loaded, is_cancelled};
 use super::super::open_figure::OpenFigure;
 use super::super::recovery::{Recoverable, RecoverySlot};
 use super::super::session::Pixels;
-use super::chrome::Notice;
+use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
 use crate::figure::shipped::SHIPPED;
 use crate::figure::{Command, Document, Template};
@@ -46,7 +46,7 @@ impl Editor {
                 self.show_document(ctx, Document::recovered(figure, saved), path, &[], Some(slot));
                 self.notice = Notice::now("Recovered; save it to keep it");
             }
-            Err(error) => self.banner = Some(format!("{error:#}")),
+            Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
         }
     }
 
@@ -68,7 +68,7 @@ impl Editor {
                     self.viewport.picture.ask_again();
                 }
                 Err(error) if is_edit && is_cancelled(&error) => {}
-                Err(error) if is_edit => self.banner = Some(format!("{error:#}. The figure is as it was")),
+                Err(error) if is_edit => self.banner = Some(Banner::new(format!("{error:#}. The figure is as it was"))),
                 Err(error) => self.missing = Some((slot, format!("{error:#}"))),
             }
         }
@@ -78,9 +78,9 @@ impl Editor {
         {
             match result.map(|found| found.into_iter().next()) {
                 Ok(Some(path)) => self.fill(ctx, number, &path),
-                Ok(None) => self.banner = Some("There is no file of this name in the folder or below it".to_owned()),
+                Ok(None) => self.banner = Some(Banner::new("There is no file of this name in the folder or below it")),
                 Err(error) if is_cancelled(&error) => {}
-                Err(error) => self.banner = Some(format!("{error:#}")),
+                Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
             }
         }
         // Undo may bring back a slot that was never read.
@@ -106,7 +106,7 @@ impl Editor {
                     Job::start(slot.file.clone(), waker(ctx), move |p| files::load_slot(&theirs, Path::new(""), p));
                 self.filling = Some((job, number, slot, true));
             }
-            Err(error) => self.banner = Some(format!("{error:#}")),
+            Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
         }
     }
 
@@ -154,15 +154,32 @@ impl Editor {
         self.layout.renaming = None;
     }
 
-    /// Puts a saved figure on the list of recent ones, with its picture if there is one.
+    /// Puts a saved figure on the list of recent ones, with its picture if there is one; on a thread, as it waits for the disk.
     pub(super) fn note_recent(&mut self) {
         let Some(open) = &self.open else { return };
-        let Some(path) = &open.path else { return };
+        let Some(path) = open.path.clone() else { return };
         let picture = self.viewport.picture.pixels().filter(|_| !open.document.is_changed());
-        let thumbnail = picture.map(|(rgba, size)| Pixels { size, rgba });
-        // Best effort: the list is no part of anybody's work.
-        let _ = self.session.note_recent(path, open.document.figure(), thumbnail);
-        self.recents = self.session.recents();
+        let picture = picture.map(|(rgba, size)| (rgba.to_vec(), size));
+        let (session, figure) = (self.session.clone(), open.document.figure().clone());
+        self.noted();
+        self.noting = Some(std::thread::spawn(move || {
+            let thumbnail = picture.as_ref().map(|(rgba, size)| Pixels { size: *size, rgba });
+            // Best effort: the list is no part of anybody's work.
+            let _ = session.note_recent(&path, &figure, thumbnail);
+        }));
+    }
+
+    /// Waits until recent figures are on the list.
+    pub(super) fn noted(&mut self) {
+        if let Some(noting) = self.noting.take() {
+            let _ = noting.join();
+        }
+    }
+
+    /// Reads what the start page shows anew.
+    pub(super) fn refresh_start_page(&mut self) {
+        self.noted();
+        (self.recents, self.orphans) = (self.session.recents(), self.session.recoverable());
         self.layout.pictures.clear();
     }
 }
