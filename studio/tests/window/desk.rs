@@ -182,23 +182,28 @@ impl Desk {
         self.display.move_to(at);
     }
 
-    /// Drags something that the figure does not follow from one widget to another.
+    /// Drags something that goes along with the pointer, as a style does, from one widget to another. Of a press and a move in
+    /// one frame, egui takes the press to be where the move ended: so the hand first waits until it has it.
     pub fn carry(&mut self, from: Place, to: Place) {
+        let beside = |[left, top]: Place| Region { left: left as usize, top: top as usize, width: 24, height: 24 };
+        let resting = self.display.screenshot();
         self.display.move_to(from);
+        self.until_changed("the pointer to arrive", beside(from), &resting);
         let before = self.display.screenshot();
         self.display.press(Button::Left);
-        // A dragged style goes along with the pointer.
         let mut looks = 0;
-        self.until("something to go along", |desk| {
+        let near = before.crop(beside(from));
+        self.until("the hand to have it", |desk| {
             looks += 1;
-            desk.display.move_to([from[0] - 2 * WIGGLE - looks % 2 * WIGGLE, from[1]]);
-            if desk.display.screenshot() == before { Err("nothing moves".to_owned()) } else { Ok(()) }
+            desk.display.move_to([from[0] + looks % 2 * WIGGLE, from[1]]);
+            if desk.display.screenshot().crop(beside(from)) == near { Err("nothing moves".to_owned()) } else { Ok(()) }
         });
         for part in 1..=8 {
             let along = |i: usize| from[i] + (i32::from(to[i] - from[i]) * part / 8) as i16;
             self.display.move_to([along(0), along(1)]);
             std::thread::sleep(Duration::from_millis(30));
         }
+        self.until_changed("what is carried to arrive", beside(to), &before);
         self.display.release(Button::Left);
     }
 
