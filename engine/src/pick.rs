@@ -41,6 +41,10 @@ const STEP_VOXELS: f64 = 0.5;
 const LEAST_OPACITY: f64 = 0.01;
 /// A ray whose transmittance is below this holds no jump worth picking.
 const SPENT: f64 = 0.1 * LEAST_OPACITY;
+/// Gauss-Hermite quadrature with three points: a Gaussian of deviation σ as samples at these multiples of it. Exact for
+/// polynomials of up to the fifth degree, which is closer than the normals of a picture need.
+const GAUSSIAN: [(f64, f64); 3] =
+    [(-1.732_050_807_568_877_2, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732_050_807_568_877_2, 1.0 / 6.0)];
 /// Up to this share of the slope before and behind it, a minimum parts two things.
 const DIP: f64 = 0.5;
 
@@ -49,8 +53,7 @@ const DIP: f64 = 0.5;
 /// [`Scene::validate`] refuses.
 ///
 /// It reads the voxels near the ray only. Opacities are those of the picture, both ends of a piece and the style's own
-/// included, but normals are those of the data: they are not smoothed by σ_g, so where a style's opacity depends on the
-/// normal and data are noisy, so is what is picked. G (and, beside wide gaps, the range of the data) comes from the volume,
+/// included; normals are of data smoothed by σ_g, by quadrature at the place itself. G (and, beside wide gaps, the range of the data) comes from the volume,
 /// which finds it once; a volume that was drawn has it.
 pub fn pick(scene: &Scene, image_size: [u32; 2], x: u32, y: u32) -> Option<Pick> {
     let object = scene.objects.first()?;
@@ -147,6 +150,22 @@ impl Field<'_> {
         trilinear(self.object.volume.grid.dims(), p, |x, y, z| self.voxel(x, y, z))
     }
 
+    /// Data value at `p`, smoothed by a Gaussian of deviation `sigma` (in voxels along each axis).
+    fn smoothed(&self, p: DVec3, sigma: DVec3) -> f64 {
+        if sigma == DVec3::ZERO {
+            return self.value(p);
+        }
+        let mut sum = 0.0;
+        for (z, weight_z) in GAUSSIAN {
+            for (y, weight_y) in GAUSSIAN {
+                for (x, weight_x) in GAUSSIAN {
+                    sum += weight_x * weight_y * weight_z * self.value(p + DVec3::new(x, y, z) * sigma);
+                }
+            }
+        }
+        sum
+    }
+
     /// Weight, from 0 to 1, of the voxels around `p` that have data.
     fn has_data(&self, p: DVec3) -> f64 {
         let volume = &self.object.volume;
@@ -185,11 +204,12 @@ impl<'a> Line<'a> {
         self.origin + t * self.direction
     }
 
-    /// ĝ at `t`, not smoothed, and the volume's face there.
+    /// ĝ at `t`, and the volume's face there.
     fn gradient(&self, t: f64) -> (DVec3, Face) {
         let volume = &self.field.object.volume;
         let to_world = volume.grid.world_gradient_from_index();
-        let g = central_differences(|p| self.field.value(p), to_world, self.at(t));
+        let sigma = DVec3::splat(self.field.object.gradient_scale_mm) / volume.grid.spacing_mm();
+        let g = central_differences(|p| self.field.smoothed(p, sigma), to_world, self.at(t));
         (g / volume.gradient_max(), face_normal(&volume.grid, self.at(t)))
     }
 
