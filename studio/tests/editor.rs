@@ -481,11 +481,11 @@ fn styles_fall_on_materials_between_nodes_and_on_the_picture() {
     let corner = harness.query_all_by_label_contains("Figure: ").next().unwrap().rect().left_top() + Vec2::splat(5.0);
     drag_from(&mut harness, from, corner);
     assert_eq!(labels(&harness), ["Dress in brass"]);
-    // A click dresses the chosen node.
+    // A click dresses the chosen material.
     click_on(&mut harness, "Node 1 at 20");
     let at = brass(&harness);
     click(&mut harness, at);
-    assert_eq!(styles(&harness), ["brass", "clay", "brass", "brass"]);
+    assert_eq!(styles(&harness), ["brass", "brass", "brass", "brass"]);
 }
 
 #[test]

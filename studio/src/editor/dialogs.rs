@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::{self, Context, Key, Modal, Ui};
 
 use super::file_dialog::Purpose;
@@ -112,6 +113,11 @@ fn question(ui: &mut Ui, title: &str, text: &str, accept: &str, other: Option<&s
     choice
 }
 
+/// The file that a figure is saved to: one without an extension gets a figure's.
+pub fn saved_as(path: &Path) -> PathBuf {
+    if path.extension().is_none() { path.with_extension("json") } else { path.to_owned() }
+}
+
 fn path(ui: &mut Ui, purpose: Purpose, text: &mut String) -> Option<Choice> {
     let (title, verb) = match purpose {
         Purpose::Open => ("Open a volume or a figure", "Open"),
@@ -124,8 +130,13 @@ fn path(ui: &mut Ui, purpose: Purpose, text: &mut String) -> Option<Choice> {
     let field = ui.add(theme::text_field(text).desired_width(f32::INFINITY)).labelled_by(label.id);
     if ui.memory(|m| m.focused().is_none()) {
         field.request_focus();
+        // What is proposed goes when something else is typed.
+        let mut state = egui::TextEdit::load_state(ui.ctx(), field.id).unwrap_or_default();
+        let all = CCursorRange::two(CCursor::new(0), CCursor::new(text.chars().count()));
+        state.cursor.set_char_range(Some(all));
+        state.store(ui.ctx(), field.id);
     }
-    let replaces = purpose == Purpose::Save && Path::new(text.trim()).is_file();
+    let replaces = purpose == Purpose::Save && saved_as(Path::new(text.trim())).is_file();
     if replaces {
         ui.colored_label(theme::tokens(ui.ctx()).warning, "There is a file of this name; it will be replaced.");
     }
@@ -165,25 +176,28 @@ fn palette(
     if enter {
         choice = found.get(*at).map(|c| Choice::Run(*c));
     }
-    egui::ScrollArea::vertical().max_height(320.0).auto_shrink([false, true]).show(ui, |ui| {
-        for (i, command) in found.iter().enumerate() {
-            let why = disabled(*command);
-            let keys = command.shortcut().map_or(String::new(), |s| ui.ctx().format_shortcut(&s));
-            let button = egui::Button::selectable(i == *at, command.text())
-                .right_text(theme::small(ui.ctx(), format!("{}   {keys}", command.menu())))
-                .min_size(egui::Vec2::new(ui.available_width(), theme::ROW));
-            let response = ui.add_enabled(why.is_none(), button).on_hover_text(command.tooltip());
-            if i == *at && (up || down) {
-                response.scroll_to_me(None);
+    egui::ScrollArea::vertical().max_height(320.0).min_scrolled_height(320.0).auto_shrink([false, true]).show(
+        ui,
+        |ui| {
+            for (i, command) in found.iter().enumerate() {
+                let why = disabled(*command);
+                let keys = command.shortcut().map_or(String::new(), |s| ui.ctx().format_shortcut(&s));
+                let button = egui::Button::selectable(i == *at, command.text())
+                    .right_text(theme::small(ui.ctx(), format!("{}   {keys}", command.menu())))
+                    .min_size(egui::Vec2::new(ui.available_width(), theme::ROW));
+                let response = ui.add_enabled(why.is_none(), button).on_hover_text(command.tooltip());
+                if i == *at && (up || down) {
+                    response.scroll_to_me(None);
+                }
+                if response.on_disabled_hover_text(why.unwrap_or_default()).clicked() {
+                    choice = Some(Choice::Run(*command));
+                }
             }
-            if response.on_disabled_hover_text(why.unwrap_or_default()).clicked() {
-                choice = Some(Choice::Run(*command));
+            if found.is_empty() {
+                ui.label(theme::small(ui.ctx(), "No command has these letters."));
             }
-        }
-        if found.is_empty() {
-            ui.label(theme::small(ui.ctx(), "No command has these letters."));
-        }
-    });
+        },
+    );
     choice
 }
 

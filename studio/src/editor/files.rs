@@ -177,17 +177,21 @@ fn folder_of(path: &Path) -> Option<PathBuf> {
     std::path::absolute(path).ok().and_then(|p| p.parent().map(Path::to_owned))
 }
 
-/// A slot's file as it is called from another folder: one that is named relative to `old` gets its whole path.
+/// A slot's file as it is called from the folder `new`: one in it or below it by its way from there, so that a folder can be
+/// moved as a whole; any other by its whole path. Names that are no absolute paths count from `old`.
 ///
 /// # Errors
 /// One sentence for a specimen without a size.
 pub fn rename_file(slot: &mut VolumeSlot, old: Option<&Path>, new: Option<&Path>) -> Result<()> {
-    let old = old.map(|o| std::path::absolute(o).unwrap_or_else(|_| o.to_owned()));
-    if let Some(old) = old.filter(|old| new != Some(old))
-        && let VolumeSource::Path(file) = VolumeSource::parse(&slot.file, &old)?
-    {
-        slot.file = file.display().to_string();
-    }
+    let old = old.map(|o| std::path::absolute(o).unwrap_or_else(|_| o.to_owned())).unwrap_or_default();
+    let VolumeSource::Path(file) = VolumeSource::parse(&slot.file, &old)? else { return Ok(()) };
+    let named = match new.and_then(|new| file.strip_prefix(new).ok()) {
+        Some(below) => below,
+        // As it is called from the same place.
+        None if new == Some(&old) => return Ok(()),
+        None => &file,
+    };
+    slot.file = named.display().to_string();
     Ok(())
 }
 

@@ -102,22 +102,26 @@ pub fn side(camera: &CameraTemplate) -> String {
     }
 }
 
-/// The letters at the left, right, top and bottom of the picture: towards which side of the body each lies.
-pub fn letters(camera: &CameraTemplate) -> [char; 4] {
+/// At the left, right, top and bottom of the picture: towards which side of the body each lies, the letter that fits best
+/// first, and those that come near to it (an oblique view has "AL").
+pub fn letters(camera: &CameraTemplate) -> [String; 4] {
     let (_, right, up) = axes(camera);
-    let letter = |v: DVec3| {
-        let size = v.abs();
-        if size.x >= size.y && size.x >= size.z {
-            if v.x > 0.0 { 'R' } else { 'L' }
-        } else if size.y >= size.z {
-            if v.y > 0.0 { 'A' } else { 'P' }
-        } else if v.z > 0.0 {
-            'S'
-        } else {
-            'I'
-        }
+    let name = |v: DVec3| {
+        let mut parts: Vec<(f64, char)> = [(v.x, "RL"), (v.y, "AP"), (v.z, "SI")]
+            .into_iter()
+            .map(|(x, letters)| (x.abs(), letters.chars().nth(usize::from(x < 0.0)).unwrap_or('?')))
+            .collect();
+        parts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        // Within 22.5° of an axis, it alone is meant.
+        let limit = std::f64::consts::FRAC_PI_8.sin();
+        parts
+            .into_iter()
+            .enumerate()
+            .filter(|(i, (x, _))| *i == 0 || *x > limit)
+            .map(|(_, (_, letter))| letter)
+            .collect()
     };
-    [letter(-right), letter(right), letter(up), letter(-up)]
+    [name(-right), name(right), name(up), name(-up)]
 }
 
 #[cfg(test)]
@@ -134,12 +138,12 @@ mod tests {
 
     #[test]
     fn a_face_seen_from_the_front_has_its_right_on_the_left() {
-        assert_eq!(letters(&camera()), ['R', 'L', 'S', 'I']);
+        assert_eq!(letters(&camera()), ["R", "L", "S", "I"]);
         let above = from_side(&camera(), DVec3::Z);
-        assert_eq!(letters(&above), ['L', 'R', 'A', 'P']);
+        assert_eq!(letters(&above), ["L", "R", "A", "P"]);
         let left = from_side(&above, DVec3::NEG_X);
-        assert_eq!(letters(&left), ['A', 'P', 'S', 'I']);
-        assert_eq!(letters(&roll(&camera(), std::f64::consts::FRAC_PI_2)), ['S', 'I', 'L', 'R']);
+        assert_eq!(letters(&left), ["A", "P", "S", "I"]);
+        assert_eq!(letters(&roll(&camera(), std::f64::consts::FRAC_PI_2)), ["S", "I", "L", "R"]);
     }
 
     #[test]
@@ -152,6 +156,12 @@ mod tests {
         ] {
             assert_eq!(side(&CameraTemplate { from, ..camera() }), words);
         }
+    }
+
+    #[test]
+    fn oblique_views_have_two_letters() {
+        let oblique = CameraTemplate { from: [-0.7, 0.7, 0.0], ..camera() };
+        assert_eq!(letters(&oblique), ["RA", "LP", "S", "I"]);
     }
 
     #[test]

@@ -28,6 +28,8 @@ const KEY_TURN: f64 = 5.0 * std::f64::consts::PI / 180.0;
 const KEY_MOVE: f64 = 0.05;
 /// Half the edge of the orientation cube, points.
 const CUBE: f32 = 17.0;
+/// What of the area belongs to the panels' edges.
+const EDGE: f32 = 5.0;
 /// Space around the frame.
 const MARGIN: f32 = 28.0;
 
@@ -75,11 +77,15 @@ impl Picture {
         let figure = open.document.figure();
         let coarse_only = open.document.in_motion();
         let same =
-            |(f, s, c): &(Arc<Template>, [u32; 2], bool)| Arc::ptr_eq(f, figure) && *s == size && *c == coarse_only;
+            |(f, s, c): &(Arc<Template>, [u32; 2], bool)| looks_same(f, figure) && *s == size && *c == coarse_only;
         if self.asked.as_ref().is_some_and(same) {
             return;
         }
-        let Some(volumes) = open.volumes() else { return };
+        let Some(volumes) = open.volumes() else {
+            // What is shown is of another volume.
+            (self.stage, self.error_codes, self.asked) = (None, None, None);
+            return;
+        };
         self.number = painter.ask(Request { figure: figure.clone(), volumes, size, coarse_only });
         (self.stage, self.error_codes, self.asked_at) = (None, None, Some(Instant::now()));
         self.asked = Some((figure.clone(), size, coarse_only));
@@ -118,6 +124,18 @@ impl Picture {
         }
         None
     }
+}
+
+/// Whether two figures have the same picture, whatever they are called.
+fn looks_same(a: &Arc<Template>, b: &Arc<Template>) -> bool {
+    let same = |a: &Template, b: &Template| {
+        a.volumes == b.volumes
+            && a.objects == b.objects
+            && a.camera == b.camera
+            && a.background == b.background
+            && a.quality == b.quality
+    };
+    Arc::ptr_eq(a, b) || same(a, b)
 }
 
 /// What was asked about, and where.
@@ -204,7 +222,8 @@ impl Viewport {
         painter_thread: &Painter,
     ) {
         let area = ui.available_rect_before_wrap();
-        let response = ui.allocate_rect(area, Sense::click_and_drag());
+        // The panels' edges are theirs to be dragged.
+        let response = ui.allocate_rect(area.shrink(EDGE), Sense::click_and_drag());
         let scale = ui.ctx().pixels_per_point();
         let page = open.document.figure().figure.clone();
         let frame = frame_in(area.shrink(MARGIN), (page.width_mm / page.height_mm) as f32, scale);
@@ -221,7 +240,9 @@ impl Viewport {
         painter.rect_filled(frame, 0.0, Color32::WHITE);
         if let Some(texture) = &self.picture.texture {
             let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
-            painter.image(texture.id(), frame, whole, Color32::WHITE);
+            // Without its volume, a figure's last picture is a memory.
+            let tint = if open.missing().is_none() { Color32::WHITE } else { Color32::from_gray(110) };
+            painter.image(texture.id(), frame, whole, tint);
         }
         paint_surroundings(&painter, frame, &open.document.figure().camera, &page, ui.ctx());
         cube(ui, open, Pos2::new(area.left() + 3.2 * CUBE, area.bottom() - 3.2 * CUBE));

@@ -128,13 +128,15 @@ impl Command {
         }
     }
 
-    /// Whether two successive edits of this kind are one undo step: views are, so that undo never wades through them, and
-    /// background colors, which one finds by trying.
+    /// Whether two successive edits of this kind are one undo step: views are, so that undo never wades through them,
+    /// and what is typed letter by letter or found by trying.
     pub fn merges_with(&self, later: &Self) -> bool {
         use Background::Color;
         matches!(
             (self, later),
-            (Self::SetCamera(_), Self::SetCamera(_)) | (Self::SetBackground(Color(_)), Self::SetBackground(Color(_)))
+            (Self::SetCamera(_), Self::SetCamera(_))
+                | (Self::SetTitle(_), Self::SetTitle(_))
+                | (Self::SetBackground(Color(_)), Self::SetBackground(Color(_)))
         )
     }
 

@@ -293,11 +293,11 @@ mod tests {
         let mut document = Document::new(figure());
         document.budget = 10 * size(document.figure());
         for i in 0..50 {
-            document.apply(Command::SetTitle(i.to_string())).unwrap();
+            document.apply(Command::SetName { object: 0, name: i.to_string() }).unwrap();
         }
         assert_eq!(document.labels().count(), 10);
         while document.undo() {}
-        assert_eq!(document.figure().title, "39");
+        assert_eq!(document.figure().objects[0].name, "39");
     }
 
     /// A linear congruential generator: the same walk on every machine.

@@ -4,6 +4,7 @@ pub mod bridge;
 pub mod command;
 pub mod document;
 pub mod first_look;
+pub mod framing;
 pub mod shipped;
 pub mod source;
 pub mod template;

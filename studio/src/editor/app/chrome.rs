@@ -19,6 +19,7 @@ use super::super::panels::start_page;
 use super::super::ui_command::UiCommand;
 use super::super::{find_file, theme};
 use super::{Editor, waker};
+use crate::figure::template::QualityName;
 
 /// What went wrong, until it is closed.
 #[derive(Clone, Debug)]
@@ -98,7 +99,7 @@ impl Editor {
     }
 
     pub(super) fn menu_item(&mut self, ctx: &Context, ui: &mut Ui, command: UiCommand) {
-        let mut button = egui::Button::new(self.label(command));
+        let mut button = egui::Button::new(self.label(command)).selected(self.is_on(command));
         if let Some(shortcut) = command.shortcut() {
             button = button.shortcut_text(ctx.format_shortcut(&shortcut));
         }
@@ -108,6 +109,18 @@ impl Editor {
         if response.clicked() {
             self.run(ctx, command);
             ui.close();
+        }
+    }
+
+    /// Whether a command is one of several states, and the one that is on.
+    fn is_on(&self, command: UiCommand) -> bool {
+        let quality = self.document().map(|d| d.figure().quality);
+        match command {
+            UiCommand::QualityDraft => quality == Some(QualityName::Draft),
+            UiCommand::QualityStandard => quality == Some(QualityName::Standard),
+            UiCommand::QualityFinal => quality == Some(QualityName::Final),
+            UiCommand::History => self.layout.shows_history,
+            _ => false,
         }
     }
 
@@ -166,6 +179,7 @@ impl Editor {
             ui.label(format!("Error ~{codes:.1}/255")).on_hover_text(tooltip);
         }
         match self.viewport.picture.stage {
+            None if self.open.as_ref().is_some_and(|o| o.missing().is_some()) => drop(ui.label("No volume")),
             None => drop(ui.label("Drawing")),
             Some(Stage::Coarse) => drop(ui.label("Coarse")),
             Some(Stage::Refining(share)) => {

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use eframe::egui::{self, Context, ViewportCommand};
+use fabrica_engine::styles::StyleLibrary;
 use glam::DVec3;
 
 use super::super::dialogs::{self, Choice, Dialog, Then};
@@ -15,8 +16,8 @@ use super::super::ui_command::UiCommand;
 use super::super::{files, view};
 use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
-use crate::figure::template::QualityName;
-use crate::figure::{Command, Document, Template};
+use crate::figure::template::{CameraTemplate, QualityName};
+use crate::figure::{Command, Document, Template, framing};
 
 impl Editor {
     /// Why a command cannot be run just now; `None` if it can.
@@ -65,7 +66,7 @@ impl Editor {
         let camera = &open.document.figure().camera;
         let side = |direction| Command::SetCamera(view::from_side(camera, direction));
         let edit = match command {
-            C::Fit => Command::SetCamera(view::fit(camera)),
+            C::Fit => Command::SetCamera(fitted(open, self.gallery.library())),
             C::FromFront => side(DVec3::Y),
             C::FromBack => side(DVec3::NEG_Y),
             C::FromLeft => side(DVec3::NEG_X),
@@ -186,8 +187,7 @@ impl Editor {
         match purpose {
             Purpose::Open | Purpose::OpenFolder => self.guarded(ctx, Then::Open(vec![path])),
             Purpose::Save => {
-                let path = if path.extension().is_none() { path.with_extension("json") } else { path };
-                self.save_to(ctx, &path);
+                self.save_to(ctx, &dialogs::saved_as(&path));
             }
             Purpose::Volume(slot) => self.fill(ctx, slot, &path),
         }
@@ -236,6 +236,7 @@ impl Editor {
         match written {
             Ok(()) => {
                 open.path = Some(path.to_owned());
+                self.banner = None;
                 ctx.send_viewport_cmd(ViewportCommand::Title(format!("{} - Fabrica", open.name())));
                 self.notice = Notice::now(format!("Saved {}", path.display()));
                 self.note_recent();
@@ -273,6 +274,16 @@ impl Editor {
             }
             (Some(_), Dialog::Palette(..)) => {}
         }
+    }
+}
+
+/// The view of before with the whole object as large in the frame as it can be.
+fn fitted(open: &mut OpenFigure, styles: &StyleLibrary) -> CameraTemplate {
+    let scene = open.scene(styles);
+    let figure = open.document.figure();
+    match scene.as_ref().and_then(|scene| scene.objects.first()) {
+        Some(object) => framing::fit(&figure.camera, &figure.figure, object),
+        None => view::fit(&figure.camera),
     }
 }
 

@@ -64,7 +64,7 @@ impl Editor {
                     if is_edit {
                         open.edit(Command::SetVolume { slot: number, volume: slot });
                     }
-                    self.missing = None;
+                    (self.missing, self.banner) = (None, None);
                     self.viewport.picture.ask_again();
                 }
                 Err(error) if is_edit && is_cancelled(&error) => {}

@@ -49,6 +49,14 @@ impl<'a> Positions<'a> {
         }
     }
 
+    /// What positions are.
+    pub fn name(self) -> &'static str {
+        match self.domain {
+            Domain::Data => "value",
+            Domain::Percentile => "percentile",
+        }
+    }
+
     /// What numbers of positions are followed by.
     pub fn unit(self, volume: Option<&Volume>) -> &'static str {
         match (self.domain, volume.map(|v| v.modality)) {

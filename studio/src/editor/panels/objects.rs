@@ -17,12 +17,10 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, renaming: &mu
         egui::Frame::new().fill(fill).corner_radius(4).inner_margin(4).show(ui, |ui| {
             ui.horizontal(|ui| {
                 eye(ui, open, i, object.visible);
-                let style = object
-                    .transfer_function
-                    .nodes
-                    .iter()
-                    .max_by(|a, b| a.opacity.total_cmp(&b.opacity))
-                    .map_or("clay", |n| n.style.as_str());
+                // The first that hides what is behind it: later ones are rarely more than spots.
+                let nodes = &object.transfer_function.nodes;
+                let style = nodes.iter().find(|n| n.opacity >= 0.5).or(nodes.first());
+                let style = style.map_or("clay", |n| n.style.as_str());
                 let (rect, _) = ui.allocate_exact_size(Vec2::splat(22.0), Sense::hover());
                 gallery.paint(ui.painter(), rect.center(), 10.0, style);
                 name(ui, open, i, object.title(), object.visible, renaming);

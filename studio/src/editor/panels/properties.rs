@@ -131,15 +131,8 @@ fn page(ui: &mut Ui, open: &mut OpenFigure) {
     let response = row(ui, "Title", "What the figure shows", |ui, label| {
         ui.add(theme::text_field(&mut title).desired_width(f32::INFINITY)).accessible_name(label)
     });
-    // What is typed in one go is one step.
-    if response.gained_focus() {
-        open.document.begin();
-    }
-    if response.changed() && open.document.in_gesture() {
+    if response.changed() {
         open.edit(Command::SetTitle(title));
-    }
-    if response.lost_focus() {
-        open.document.commit();
     }
     let (mut width, mut height, mut dpi) = (page.width_mm, page.height_mm, page.dpi);
     let fields = [

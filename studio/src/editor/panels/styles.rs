@@ -5,6 +5,7 @@ use eframe::egui::{self, Align2, FontId, Id, LayerId, Order, Pos2, Role, ScrollA
 use super::super::gallery::{DraggedStyle, Gallery};
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
+use super::curve::materials;
 use crate::figure::Command;
 
 /// A cell: a sphere with its name below.
@@ -32,6 +33,7 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut 
         let words = format!("{} {} {}", info.title, info.tags.join(" "), info.description).to_lowercase();
         wanted.split_whitespace().all(|w| words.contains(w)).then_some(())
     };
+    let mut cells = Vec::new();
     ScrollArea::vertical().id_salt("gallery").auto_shrink(false).show(ui, |ui| {
         let groups = [
             ("In this figure", used.iter().map(String::as_str).filter(|n| found(n).is_some()).collect::<Vec<_>>()),
@@ -44,7 +46,8 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut 
                 ui.horizontal(|ui| {
                     ui.spacing_mut().item_spacing.x = 0.0;
                     for name in row {
-                        cell(ui, open, gallery, title, name);
+                        let response = cell(ui, open, gallery, title, name);
+                        cells.push((response, (*name).to_owned()));
                     }
                 });
             }
@@ -56,19 +59,29 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut 
             ui.label(theme::small(ui.ctx(), "No style has these words."));
         }
     });
+    // Of a press and a move in one frame, egui takes the press to be where the move ended.
+    if cells.iter().any(|(response, _)| response.drag_started())
+        && let Some(pressed) = ui.input(|i| i.pointer.press_origin())
+        && let Some((_, name)) = cells.iter().find(|(response, _)| response.rect.contains(pressed))
+    {
+        egui::DragAndDrop::set_payload(ui.ctx(), DraggedStyle(name.clone()));
+    }
+    // What is carried goes along, from wherever it comes.
+    if let Some(style) = egui::DragAndDrop::payload::<DraggedStyle>(ui.ctx())
+        && let Some(pointer) = ui.input(|i| i.pointer.latest_pos())
+    {
+        let painter = ui.ctx().layer_painter(LayerId::new(Order::Tooltip, Id::unique("dragged style")));
+        gallery.paint(&painter, pointer + Vec2::splat(10.0), SPHERE, &style.0);
+    }
 }
 
-fn cell(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, group: &str, name: &str) {
+fn cell(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, group: &str, name: &str) -> egui::Response {
     let (rect, _) = ui.allocate_exact_size(CELL, Sense::hover());
     let response = ui.interact(rect, Id::unique(("style", group, name)), Sense::click_and_drag());
     let title = gallery.title(name).to_owned();
     response.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Style {title}")));
-    response.dnd_set_drag_payload(DraggedStyle(name.to_owned()));
-    if response.clicked()
-        && let Some(node) = open.node
-    {
-        let command = Command::SetStyle { object: open.object, nodes: node..node + 1, style: name.to_owned() };
-        open.edit(command);
+    if response.clicked() {
+        dress_chosen(open, name);
     }
     let tokens = theme::tokens(ui.ctx());
     let center = Pos2::new(rect.center().x, rect.top() + SPHERE + 3.0);
@@ -79,15 +92,19 @@ fn cell(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, group: &str, name
     let font = FontId::proportional(11.0);
     let text = short(&title, 11);
     ui.painter().text(Pos2::new(center.x, rect.bottom() - 4.0), Align2::CENTER_BOTTOM, text, font, tokens.dim);
-    if response.dragged()
-        && let Some(pointer) = ui.input(|i| i.pointer.latest_pos())
-    {
-        let painter = ui.ctx().layer_painter(LayerId::new(Order::Tooltip, Id::unique("dragged style")));
-        gallery.paint(&painter, pointer + Vec2::new(10.0, 10.0), SPHERE, name);
-    } else {
+    if !response.dragged() {
         let described = gallery.library().info(name).map_or(String::new(), |i| i.description.clone());
-        let how = if open.node.is_some() { "Click dresses the chosen node; or drag it" } else { "Drag it" };
-        response.on_hover_text(format!("{title}. {described}\n{how} onto a node, a sphere or the picture."));
+        let how = if open.node.is_some() { "Click dresses the chosen material; or drag it" } else { "Drag it" };
+        return response.on_hover_text(format!("{title}. {described}\n{how} onto a node, a sphere or the picture."));
+    }
+    response
+}
+
+/// Dresses the material that the chosen node is of.
+fn dress_chosen(open: &mut OpenFigure, style: &str) {
+    let Some((object, node)) = open.chosen().zip(open.node) else { return };
+    if let Some(nodes) = materials(&object.transfer_function.nodes).into_iter().find(|run| run.contains(&node)) {
+        open.edit(Command::SetStyle { object: open.object, nodes, style: style.to_owned() });
     }
 }
 

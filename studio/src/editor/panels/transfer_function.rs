@@ -44,6 +44,8 @@ impl FunctionView {
     }
 }
 
+/// From this width on, a node's fields are beside the title.
+const WIDE: f32 = 660.0;
 /// Radius of a node's dot, and how near a press must come.
 const DOT: f32 = 5.5;
 const GRAB: f32 = 10.0;
@@ -63,22 +65,25 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut Fu
     let statistics = statistics_of(volume);
     let function = &object.transfer_function;
     let positions = Positions::new(function, statistics);
+    // Whatever the fields above need: the plot has the panel's width.
+    let width = ui.max_rect();
     header(ui, open, gallery, view, positions, volume);
 
     let tokens = theme::tokens(ui.ctx());
-    let area = ui.available_rect_before_wrap();
+    let area = ui.available_rect_before_wrap().intersect(width);
     let spheres_height = 2.0 * SPHERE + 8.0;
     let rect = Rect::from_min_max(area.min + Vec2::new(8.0, 4.0), area.max - Vec2::new(8.0, spheres_height + 16.0));
     if rect.height() < 24.0 || rect.width() < 60.0 {
         return;
     }
     let values: Vec<f64> = function.nodes.iter().map(|n| positions.value(n.at)).collect();
-    let (low, high) = view.range.unwrap_or_else(|| whole_range(&values, volume.zip(statistics)));
+    let whole = whole_range(&values, volume.zip(statistics));
+    let (low, high) = view.range.unwrap_or(whole);
     let plot = Plot { rect, low, high };
 
     let response = ui.allocate_rect(area, Sense::click_and_drag());
     response.widget_info(|| WidgetInfo::labeled(Role::Canvas, true, "Plot of the transfer function"));
-    look_around(ui, &response, plot, view);
+    look_around(ui, &response, plot, whole, view);
     if response.double_clicked()
         && let Some(at) = response.interact_pointer_pos().filter(|p| rect.contains(*p))
     {
@@ -116,6 +121,7 @@ fn header(
     positions: Positions<'_>,
     volume: Option<&Volume>,
 ) {
+    let wide = ui.available_width() > WIDE;
     // From the right: what is on the left gets the rest.
     let right_to_left = egui::Layout::right_to_left(egui::Align::Center);
     ui.allocate_ui_with_layout(Vec2::new(ui.available_width(), theme::ROW), right_to_left, |ui| {
@@ -131,15 +137,31 @@ fn header(
         }
         ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
             ui.label(theme::heading("Transfer function"));
-            let nodes = open.chosen().map_or_else(Vec::new, |o| o.transfer_function.nodes.clone());
-            if let Some((n, node)) = open.node.and_then(|n| Some((n, nodes.get(n)?))) {
-                node_fields(ui, open, gallery, positions, volume, n, node, nodes.len());
-            } else {
-                let hint = "Double-click adds a node, drag moves it, drop a style on a sphere or between";
-                ui.add(egui::Label::new(theme::small(ui.ctx(), hint)).truncate());
+            if wide {
+                chosen_node(ui, open, gallery, positions, volume);
             }
         });
     });
+    if !wide && open.node.is_some() {
+        ui.horizontal_wrapped(|ui| chosen_node(ui, open, gallery, positions, volume));
+    }
+}
+
+/// The fields of the chosen node, or how there comes to be one.
+fn chosen_node(
+    ui: &mut Ui,
+    open: &mut OpenFigure,
+    gallery: &Gallery,
+    positions: Positions<'_>,
+    volume: Option<&Volume>,
+) {
+    let nodes = open.chosen().map_or_else(Vec::new, |o| o.transfer_function.nodes.clone());
+    if let Some((n, node)) = open.node.and_then(|n| Some((n, nodes.get(n)?))) {
+        node_fields(ui, open, gallery, positions, volume, n, node, nodes.len());
+    } else {
+        let hint = "Double-click adds a node, drag moves it, drop a style on a sphere or between";
+        ui.add(egui::Label::new(theme::small(ui.ctx(), hint)).truncate());
+    }
 }
 
 #[expect(clippy::too_many_arguments, reason = "one row of widgets")]
@@ -156,6 +178,7 @@ fn node_fields(
     let object = open.object;
     ui.label(theme::small(ui.ctx(), format!("Node {} of {num_nodes}", number + 1)));
     let (mut at, mut percent) = (node.at, 100.0 * node.opacity);
+    ui.label(theme::small(ui.ctx(), positions.name()));
     let unit = positions.unit(volume);
     let speed = positions.speed();
     let decimals = if speed >= 1.0 { 1 } else { 6 };
@@ -165,6 +188,7 @@ fn node_fields(
         response.on_hover_text("Where the node is: data value, or percentile of what is above the background");
     let command = response.changed().then_some(Command::MoveNode { object, node: number, at, opacity: node.opacity });
     open.edit_by(&response, command);
+    ui.label(theme::small(ui.ctx(), "opacity"));
     let field = DragValue::new(&mut percent).speed(0.5).range(0.0..=100.0).suffix(" %").max_decimals(1);
     let response = ui
         .add(field.update_while_editing(false).custom_parser(super::properties::parse_number))
@@ -195,13 +219,13 @@ fn node_fields(
 }
 
 /// The wheel comes nearer, a drag of the paper moves along.
-fn look_around(ui: &Ui, response: &Response, plot: Plot, view: &mut FunctionView) {
+fn look_around(ui: &Ui, response: &Response, plot: Plot, whole: (f64, f64), view: &mut FunctionView) {
     let wheel = f64::from(ui.input(|i| i.smooth_scroll_delta().y));
     if let Some(at) = response.hover_pos().filter(|_| wheel != 0.0) {
         let (value, factor) = (plot.value(at.x), (-wheel / 200.0).exp());
         let (low, high) = (value + factor * (plot.low - value), value + factor * (plot.high - value));
-        // Beyond, neighboring pixels would be one number.
-        if high - low > 1e-9 * low.abs().max(high.abs()).max(1e-9) && high - low < 1e12 {
+        let (whole_low, whole_high) = whole;
+        if (1e-4..=4.0).contains(&((high - low) / (whole_high - whole_low))) {
             view.range = Some((low, high));
         }
     }

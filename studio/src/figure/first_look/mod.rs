@@ -1,6 +1,5 @@
 //! The first picture of a volume that nobody has dressed yet: a template from what kind of data it is.
 
-mod framing;
 mod kind;
 #[cfg(test)]
 mod phantoms;
@@ -14,9 +13,9 @@ use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::statistics::Statistics;
 use glam::DVec3;
 
-use self::framing::{Frame, View};
 use self::kind::Kind;
 use super::bridge;
+use super::framing::{self, Frame, View};
 use super::template::{
     Background, CameraTemplate, Domain, NodeTemplate, ObjectTemplate, Page, ProjectionName, QualityName, Reference,
     Template, TransferFunctionTemplate, VERSION, VolumeSlot,

@@ -1,4 +1,4 @@
-//! Where a first look is seen from, and how it fills the page.
+//! Where a figure is seen from, and how it fills the page.
 
 use fabrica_engine::scene::{Camera, Object, Projection};
 use fabrica_engine::spaces::Grid;
@@ -6,6 +6,9 @@ use fabrica_engine::volume::bricks::BRICK;
 use fabrica_engine::volume::{Volume, Voxel};
 use fabrica_engine::with_voxels;
 use glam::DVec3;
+
+use super::bridge;
+use super::template::{CameraTemplate, Page, ProjectionName};
 
 /// The eye's place for what has a depth: the patient's left, in front, 20° above.
 const THREE_QUARTER: DVec3 = DVec3::new(-0.6, 0.72, 0.34);
@@ -101,6 +104,26 @@ impl Frame {
         }
         let target_mm = middle + x * axes[0] + y * axes[1];
         Self { target_mm, height_mm: 2.0 * half * distance, aspect }
+    }
+}
+
+/// The view of before, moved so that the object, as large as it can be, fills the page.
+pub fn fit(camera: &CameraTemplate, page: &Page, object: &Object) -> CameraTemplate {
+    let (center, radius) = bridge::sphere(camera.relative_to, object);
+    let from = DVec3::from_array(camera.from).try_normalize().unwrap_or(DVec3::Y);
+    let view = View { from, up: DVec3::from_array(camera.up), is_of_sheet: false };
+    let aspect = page.width_mm / page.height_mm;
+    // A parallel projection is seen from very far away.
+    let fov_deg = match camera.projection {
+        ProjectionName::Perspective => camera.fov_deg,
+        ProjectionName::Orthographic => 0.1,
+    };
+    let reach = object.volume.grid.spacing_mm().max_element();
+    let frame = Frame::around(&outline(object), reach, view, fov_deg, (aspect, aspect));
+    CameraTemplate {
+        height: frame.height_mm / radius,
+        target: ((frame.target_mm - center) / radius).to_array(),
+        ..camera.clone()
     }
 }
 
