@@ -632,6 +632,7 @@ fn dropped_files_are_opened_or_used() {
     settle(&mut harness);
     let slot = figure(&harness).volumes[0].clone();
     assert!(slot.file.ends_with("other.nrrd") && slot.raw.is_none(), "{slot:?}");
+    assert!(editor(&harness).notice().contains("those of before from 0 to 200"), "{}", editor(&harness).notice());
     run(&mut harness, UiCommand::Undo);
     assert_eq!(figure(&harness), Template::parse(BALL).unwrap());
     // Or by itself.
@@ -686,7 +687,12 @@ fn what_a_crash_leaves_is_offered_and_restored() {
     assert!(editor(&second).document().unwrap().is_changed());
     run(&mut second, UiCommand::Save);
     assert_eq!(Template::read(&place.path("figure.json")).unwrap(), changed);
-    // Saved, it is not offered again, but it is among the recent ones.
+    // Saved, it is not offered again, but it is among the recent ones. The next window looks as this one was left.
+    run(&mut second, UiCommand::Theme);
+    run(&mut second, UiCommand::LargerText);
+    let mut third = window(None);
+    third.step();
+    assert!(third.ctx.theme() == eframe::egui::Theme::Light && (third.ctx.zoom_factor() - 1.1).abs() < 1e-3);
     run(&mut second, UiCommand::New);
     second.step();
     assert!(second.query_by_label("Restore").is_none() && editor(&second).document().is_none());

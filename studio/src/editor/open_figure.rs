@@ -62,7 +62,8 @@ impl OpenFigure {
         self.document.figure().volumes.iter().position(|slot| self.volume_of(slot).is_none())
     }
 
-    fn volume_of(&self, slot: &VolumeSlot) -> Option<&Arc<Volume>> {
+    /// The volume of a slot, if it was read.
+    pub fn volume_of(&self, slot: &VolumeSlot) -> Option<&Arc<Volume>> {
         let same = |a: &VolumeSlot| a.file == slot.file && a.frame == slot.frame && a.raw == slot.raw;
         self.volumes.iter().find(|(read, _)| same(read)).map(|(_, volume)| volume)
     }

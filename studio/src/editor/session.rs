@@ -57,6 +57,25 @@ pub struct Pixels<'a> {
     pub rgba: &'a [u8],
 }
 
+/// The file of the settings.
+const SETTINGS: &str = "settings.json";
+
+/// How the window is looked at, whatever is open.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Settings {
+    /// Light on dark, or dark on light.
+    pub dark: bool,
+    /// Size of text and controls, 1: as made.
+    pub scale: f32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { dark: true, scale: 1.0 }
+    }
+}
+
 impl Session {
     /// `FABRICA_STATE`, else the platform's folder for a program's state; none if there is no such thing.
     pub fn default_folder() -> Option<PathBuf> {
@@ -71,6 +90,24 @@ impl Session {
     /// Where it remembers.
     pub fn folder(&self) -> Option<&Path> {
         self.folder.as_deref()
+    }
+
+    /// The settings as they were left; as they are made where there are none, or none that can be read.
+    pub fn settings(&self) -> Settings {
+        let text = self.folder().and_then(|folder| fs::read_to_string(folder.join(SETTINGS)).ok());
+        text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
+    }
+
+    /// Keeps the settings.
+    ///
+    /// # Errors
+    /// One sentence; what cannot be kept is no reason to stop.
+    pub fn keep_settings(&self, settings: &Settings) -> Result<()> {
+        let Some(folder) = self.folder() else { return Ok(()) };
+        let path = folder.join(SETTINGS);
+        let text = serde_json::to_string_pretty(settings).unwrap_or_default();
+        fs::create_dir_all(folder).map_err(|e| Error::io(folder, &e))?;
+        save_atomic(&path, |file| file.write_all(text.as_bytes()).map_err(|e| Error::io(&path, &e)))
     }
 
     /// The recent figures, newest first, also those whose files are gone. What is damaged is left out.

@@ -40,6 +40,7 @@ pub enum UiCommand {
     HistogramScale,
     LargerText,
     SmallerText,
+    ResetLayout,
 }
 
 use UiCommand as C;
@@ -80,6 +81,7 @@ impl UiCommand {
         C::HistogramScale,
         C::LargerText,
         C::SmallerText,
+        C::ResetLayout,
     ];
 
     /// The menu that it is in.
@@ -89,7 +91,7 @@ impl UiCommand {
             C::Undo | C::Redo | C::History | C::Palette => "Edit",
             C::Rename | C::ShowHide | C::InsertNode | C::RemoveNode => "Object",
             C::QualityDraft | C::QualityStandard | C::QualityFinal => "Render",
-            C::Theme | C::Panels | C::HistogramScale | C::LargerText | C::SmallerText => "Window",
+            C::Theme | C::Panels | C::HistogramScale | C::LargerText | C::SmallerText | C::ResetLayout => "Window",
             _ => "View",
         }
     }
@@ -130,6 +132,7 @@ impl UiCommand {
             C::Theme => "Light or dark",
             C::LargerText => "Larger text and controls",
             C::SmallerText => "Smaller text and controls",
+            C::ResetLayout => "Reset layout",
         }
     }
 
@@ -169,6 +172,7 @@ impl UiCommand {
             C::Theme => "Colors of the window; the figure does not change",
             C::LargerText => "Up to 200 %",
             C::SmallerText => "Down to 75 %",
+            C::ResetLayout => "Panels and text as large as they were made",
         }
     }
 
@@ -225,6 +229,7 @@ impl UiCommand {
                 | C::HistogramScale
                 | C::LargerText
                 | C::SmallerText
+                | C::ResetLayout
         )
     }
 }

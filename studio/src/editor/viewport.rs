@@ -254,6 +254,7 @@ impl Viewport {
         {
             self.ask_what(open, gallery, at, frame, size);
         }
+        function_view.aimed = Self::aim(ui, &response, open, gallery, frame, size);
         self.drop_style(ui, &response, open, gallery, frame, size);
         self.answer(ui, open, gallery, function_view);
     }
@@ -383,6 +384,21 @@ impl Viewport {
             open.node = Some(nearest_node(open, pick));
         }
         self.answer = pick.map(|pick| Answer { at, pick, figure });
+    }
+
+    /// The node that a style that is carried over the picture would dress.
+    fn aim(
+        ui: &Ui,
+        response: &Response,
+        open: &mut OpenFigure,
+        gallery: &Gallery,
+        frame: Rect,
+        size: [u32; 2],
+    ) -> Option<usize> {
+        response.dnd_hover_payload::<DraggedStyle>()?;
+        let at = ui.input(|i| i.pointer.latest_pos())?;
+        let pick = Self::pick_at(open, gallery, at, frame, size)?;
+        Some(nearest_node(open, &pick))
     }
 
     /// A style that falls on the picture dresses the material that is seen there.

@@ -12,6 +12,7 @@ use super::super::dialogs::{self, Choice, Dialog, Then};
 use super::super::file_dialog::{FileDialog, Purpose};
 use super::super::open_figure::OpenFigure;
 use super::super::panels::curve;
+use super::super::session::Settings;
 use super::super::ui_command::UiCommand;
 use super::super::{files, view};
 use super::chrome::{Banner, Notice};
@@ -125,9 +126,15 @@ impl Editor {
                     egui::Theme::Light => egui::ThemePreference::Dark,
                 };
                 ctx.set_theme(other);
+                self.keep_settings(Settings { dark: other == egui::ThemePreference::Dark, ..self.session.settings() });
             }
-            C::LargerText => ctx.set_zoom_factor((ctx.zoom_factor() * 1.1).min(2.0)),
-            C::SmallerText => ctx.set_zoom_factor((ctx.zoom_factor() / 1.1).max(0.75)),
+            C::LargerText => self.set_scale(ctx, ctx.zoom_factor() * 1.1),
+            C::SmallerText => self.set_scale(ctx, ctx.zoom_factor() / 1.1),
+            C::ResetLayout => {
+                self.set_scale(ctx, 1.0);
+                (self.layout.hides_panels, self.layout.function.range) = (false, None);
+                ctx.memory_mut(|memory| memory.data.remove_by_type::<egui::containers::panel::PanelState>());
+            }
             C::Undo | C::Redo => {
                 if let Some(open) = &mut self.open {
                     let begun = Instant::now();
@@ -140,6 +147,17 @@ impl Editor {
             }
             _ => {}
         }
+    }
+
+    fn set_scale(&mut self, ctx: &Context, scale: f32) {
+        let scale = scale.clamp(0.75, 2.0);
+        ctx.set_zoom_factor(scale);
+        self.keep_settings(Settings { scale, ..self.session.settings() });
+    }
+
+    fn keep_settings(&self, settings: Settings) {
+        // Best effort: nobody's work depends on it.
+        let _ = self.session.keep_settings(&settings);
     }
 
     /// Makes an edit; a fault becomes the banner.

@@ -112,6 +112,9 @@ impl Editor {
     pub fn new(ctx: &Context, options: Options) -> Self {
         theme::install(ctx);
         ctx.options_mut(|o| o.zoom_with_keyboard = false);
+        let settings = options.session.settings();
+        ctx.set_theme(if settings.dark { egui::Theme::Dark } else { egui::Theme::Light });
+        ctx.set_zoom_factor(settings.scale.clamp(0.75, 2.0));
         let styles = Arc::new(options.styles);
         let mut editor = Self {
             noting: None,

@@ -5,15 +5,18 @@ use std::sync::Arc;
 
 use eframe::egui::{Context, ViewportCommand};
 use fabrica_engine::volume::Volume;
+use fabrica_engine::volume::statistics::Statistics;
 
 use super::super::autosave::Autosave;
 use super::super::files::{self, Job, Loaded, is_cancelled};
 use super::super::open_figure::OpenFigure;
+use super::super::panels::properties::shorter;
 use super::super::recovery::{Recoverable, RecoverySlot};
 use super::super::session::Pixels;
 use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
 use crate::figure::shipped::SHIPPED;
+use crate::figure::template::Domain;
 use crate::figure::{Command, Document, Template};
 
 impl Editor {
@@ -59,7 +62,11 @@ impl Editor {
         {
             match result {
                 Ok(volume) => {
-                    self.notice = Notice::now(volume.warnings.join("; "));
+                    let before = open.document.figure().volumes.get(number).and_then(|slot| open.volume_of(slot));
+                    let data = open.chosen().is_some_and(|o| o.transfer_function.domain == Domain::Data);
+                    let mut notes = volume.warnings.clone();
+                    notes.extend(before.filter(|_| is_edit && data).and_then(|before| other_values(before, &volume)));
+                    self.notice = Notice::now(notes.join("; "));
                     open.keep_volume(slot.clone(), volume);
                     if is_edit {
                         open.edit(Command::SetVolume { slot: number, volume: slot });
@@ -182,4 +189,18 @@ impl Editor {
         (self.recents, self.orphans) = (self.session.recents(), self.session.recoverable());
         self.layout.pictures.clear();
     }
+}
+
+/// What to say where a volume's values are of another kind than those of the volume before it.
+fn other_values(before: &Volume, now: &Volume) -> Option<String> {
+    let (old, new) = (before.known_statistics()?, now.known_statistics()?);
+    let ratio = (new.max - new.min) / (old.max - old.min);
+    (!(0.5..=2.0).contains(&ratio)).then(|| {
+        let range = |s: &Statistics| format!("{} to {}", shorter(s.min), shorter(s.max));
+        format!(
+            "its values go from {}, those of before from {}: move the nodes, or open it by itself for a look of its own",
+            range(new),
+            range(old)
+        )
+    })
 }

@@ -27,13 +27,15 @@ pub struct FunctionView {
     pub range: Option<(f64, f64)>,
     /// The value that the pointer is on in the picture, or that was asked about.
     pub marked: Option<f64>,
+    /// The node whose material a style that is carried over the picture would dress.
+    pub aimed: Option<usize>,
     /// A node that is dragged: value and opacity before they are rounded, and where the pointer was.
     dragged: Option<(f64, f64, Pos2)>,
 }
 
 impl Default for FunctionView {
     fn default() -> Self {
-        Self { logarithmic: true, range: None, marked: None, dragged: None }
+        Self { logarithmic: true, range: None, marked: None, aimed: None, dragged: None }
     }
 }
 
@@ -108,7 +110,7 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut Fu
     }
     nodes(ui, open, plot, positions, &values, &function.nodes, volume, view);
     let spheres = place_spheres(plot, &values, &function.nodes);
-    material_spheres(ui, open, gallery, &function.nodes, &spheres, rect.bottom() + 16.0 + SPHERE);
+    material_spheres(ui, open, gallery, &function.nodes, &spheres, (rect.bottom() + 16.0 + SPHERE, view.aimed));
     drop_style(ui, open, &response, plot, &values, &function.nodes, &spheres);
 }
 
@@ -357,7 +359,7 @@ fn material_spheres(
     gallery: &Gallery,
     nodes: &[NodeTemplate],
     spheres: &[PlacedSphere],
-    y: f32,
+    (y, aimed_node): (f32, Option<usize>),
 ) {
     let tokens = theme::tokens(ui.ctx());
     for (i, PlacedSphere { run, x }) in spheres.iter().enumerate() {
@@ -374,7 +376,8 @@ fn material_spheres(
         }
         let painter = ui.painter();
         gallery.paint(painter, center, SPHERE, style);
-        let aimed = response.dnd_hover_payload::<DraggedStyle>().is_some();
+        let aimed = response.dnd_hover_payload::<DraggedStyle>().is_some()
+            || aimed_node.is_some_and(|node| run.contains(&node));
         let is_chosen = open.node.is_some_and(|n| run.contains(&n));
         if aimed || is_chosen || response.hovered() {
             let width = if aimed { 3.0 } else { 2.0 };
