@@ -19,7 +19,7 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, renaming: &mu
                 eye(ui, open, i, object.visible);
                 // The first that hides what is behind it: later ones are rarely more than spots.
                 let nodes = &object.transfer_function.nodes;
-                let style = nodes.iter().find(|n| n.opacity >= 0.5).or(nodes.first());
+                let style = nodes.iter().find(|n| n.opacity > 0.5).or(nodes.first());
                 let style = style.map_or("clay", |n| n.style.as_str());
                 let (rect, _) = ui.allocate_exact_size(Vec2::splat(22.0), Sense::hover());
                 gallery.paint(ui.painter(), rect.center(), 10.0, style);

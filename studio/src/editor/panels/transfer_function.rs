@@ -178,7 +178,7 @@ fn node_fields(
     num_nodes: usize,
 ) {
     let object = open.object;
-    ui.label(theme::small(ui.ctx(), format!("Node {} of {num_nodes}", number + 1)));
+    ui.label(theme::small(ui.ctx(), format!("Node {}/{num_nodes}", number + 1)));
     let (mut at, mut percent) = (node.at, 100.0 * node.opacity);
     ui.label(theme::small(ui.ctx(), positions.name()));
     let unit = positions.unit(volume);
