@@ -584,6 +584,28 @@ fn a_missing_volume_is_found_again() {
 }
 
 #[test]
+fn a_picture_can_be_stopped_and_gone_on_with() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    run(&mut harness, UiCommand::QualityFinal);
+    // The picture may be faster than the hand: until one was caught.
+    let start = Instant::now();
+    while harness.query_by_label("Stopped: go on").is_none() {
+        assert!(start.elapsed() < Duration::from_secs(60), "there was never anything to stop");
+        run(&mut harness, UiCommand::RollLeft);
+        while editor(&harness).is_busy() && harness.query_by_label("Stop").is_none() {
+            harness.step();
+        }
+        editor(&harness).painter().stop();
+        settle(&mut harness);
+    }
+    assert_eq!(editor(&harness).banner(), None);
+    click_on(&mut harness, "Stopped: go on");
+    settle(&mut harness);
+    assert!(harness.query_by_label_contains("Refined in").is_some());
+}
+
+#[test]
 fn a_lost_device_is_replaced() {
     let place = Place::with_ball();
     let mut harness = opened(&place);

@@ -49,6 +49,8 @@ pub enum Stage {
     },
     /// It cannot be drawn; what is shown is older.
     Failed,
+    /// It was stopped on the way.
+    Stopped,
 }
 
 /// What the painter has to say.
@@ -80,6 +82,11 @@ pub enum Update {
     },
     /// The device was lost; another one takes its place.
     Restarted,
+    /// It was stopped, or given up for a later request.
+    Stopped {
+        /// Of the request that it belongs to.
+        number: u64,
+    },
     /// The figure cannot be drawn: one sentence.
     Failed {
         /// Of the request that it belongs to.
@@ -191,6 +198,13 @@ impl Painter {
         number
     }
 
+    /// Gives up what is being drawn.
+    pub fn stop(&self) {
+        if let Some(current) = &self.desk.0.lock().unwrap_or_else(PoisonError::into_inner).current {
+            current.cancel();
+        }
+    }
+
     /// Loses the device before the next picture, as a driver's reset would: for tests of what follows.
     pub fn lose_device(&self) {
         self.desk.0.lock().unwrap_or_else(PoisonError::into_inner).lose_device = true;
@@ -261,10 +275,12 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, styles: &StyleLi
             tell(Update::Restarted);
             outcome = once(&mut renderer);
         }
-        if let Err(error) = outcome
-            && !error.downcast_ref::<Error>().is_some_and(|e| matches!(e, Error::Cancelled))
-        {
-            tell(Update::Failed { number, message: format!("{error:#}") });
+        match outcome {
+            Ok(()) => {}
+            Err(error) if error.downcast_ref::<Error>().is_some_and(|e| matches!(e, Error::Cancelled)) => {
+                tell(Update::Stopped { number });
+            }
+            Err(error) => tell(Update::Failed { number, message: format!("{error:#}") }),
         }
     }
 }

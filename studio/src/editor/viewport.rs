@@ -99,6 +99,10 @@ impl Picture {
                 self.stage = Some(Stage::Failed);
                 return Some(message);
             }
+            // Finished, and only its error was still being estimated.
+            Update::Stopped { number } if number == self.number && !self.is_refined() => {
+                self.stage = Some(Stage::Stopped);
+            }
             Update::Estimated { number, codes } if number == self.number => self.error_codes = Some(codes),
             Update::Rows { number, size, y, num_rows, pixels, stage } if number == self.number => {
                 if let Some(asked) = self.asked_at.take() {

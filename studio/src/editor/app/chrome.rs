@@ -137,7 +137,7 @@ impl Editor {
         }
     }
 
-    pub(super) fn status(&self, ui: &mut Ui) {
+    pub(super) fn status(&mut self, ui: &mut Ui) {
         let tokens = theme::tokens(ui.ctx());
         ui.horizontal(|ui| {
             if let Some(open) = &self.open {
@@ -171,7 +171,7 @@ impl Editor {
     }
 
     /// How far the picture is, from right to left.
-    pub(super) fn picture_status(&self, ui: &mut Ui) {
+    pub(super) fn picture_status(&mut self, ui: &mut Ui) {
         let tokens = theme::tokens(ui.ctx());
         if let Some(codes) = self.viewport.picture.error_codes {
             let tooltip = "Estimated difference from the exact picture, in 8-bit codes, of 99.9 % of the pixels. The quality \
@@ -185,9 +185,17 @@ impl Editor {
             Some(Stage::Refining(share)) => {
                 ui.label(format!("Refining {:.0} %", 100.0 * share));
                 ui.add(egui::ProgressBar::new(share).desired_width(80.0).desired_height(6.0));
+                if ui.small_button("Stop").on_hover_text("Leaves the picture as it is").clicked() {
+                    self.painter.stop();
+                }
             }
             Some(Stage::Refined { seconds }) => {
                 ui.colored_label(tokens.good, format!("Refined in {seconds:.1} s"));
+            }
+            Some(Stage::Stopped) => {
+                if ui.small_button("Stopped: go on").on_hover_text("Draws the picture to its end").clicked() {
+                    self.viewport.picture.ask_again();
+                }
             }
             Some(Stage::Failed) => drop(ui.colored_label(tokens.error, "Not drawn")),
         }

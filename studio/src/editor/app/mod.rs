@@ -159,7 +159,7 @@ impl Editor {
     /// Whether something is read, or a picture is still to come.
     pub fn is_busy(&self) -> bool {
         let waits = self.loading.is_some() || self.filling.is_some() || self.searching.is_some();
-        let drawn = matches!(self.viewport.picture.stage, Some(Stage::Refined { .. } | Stage::Failed));
+        let drawn = matches!(self.viewport.picture.stage, Some(Stage::Refined { .. } | Stage::Failed | Stage::Stopped));
         waits || self.open.as_ref().is_some_and(|open| open.missing().is_none() && !drawn)
     }
 

@@ -351,6 +351,22 @@ mod tests {
     }
 
     #[test]
+    fn fitting_finds_the_same_frame_again_from_any_other() {
+        for volume in [phantoms::ct(Modality::Unknown), phantoms::casting()] {
+            let figure = look_of(&volume);
+            let lost = CameraTemplate { height: 0.3, target: [0.5, -1.0, 0.2], ..figure.camera.clone() };
+            let object = scene_of(&figure, &volume).objects.remove(0);
+            let found = framing::fit(&lost, &figure.figure, &object);
+            let apart = DVec3::from_array(found.target).distance(DVec3::from_array(figure.camera.target));
+            assert!((found.height - figure.camera.height).abs() < 0.01 && apart < 0.01, "{found:?}");
+            // From far away, parallel lines frame a little less.
+            let parallel = CameraTemplate { projection: ProjectionName::Orthographic, ..lost };
+            let parallel = framing::fit(&parallel, &figure.figure, &object);
+            assert!((0.7..1.0).contains(&(parallel.height / found.height)), "{parallel:?}");
+        }
+    }
+
+    #[test]
     fn a_sheet_is_seen_face_on_and_upright() {
         let sagittal = DAffine3::from_cols_array(&[0., 1., 0., 0., 0., 1., 1., 0., 0., 0., 0., 0.]);
         for (affine, from, up) in [
