@@ -46,6 +46,9 @@ pub(super) struct Notice {
     since: Option<Instant>,
 }
 
+/// From this width on, the status bar has room for a hint.
+const WIDE: f32 = 1000.0;
+
 /// How long a notice stays.
 const NOTICE: Duration = Duration::from_secs(8);
 
@@ -150,7 +153,7 @@ impl Editor {
                     ui.label(format!("{:.1} {unit}", under.value));
                     ui.separator();
                 }
-                if !self.notice.is_fresh(ui.ctx()) {
+                if !self.notice.is_fresh(ui.ctx()) && ui.ctx().content_rect().width() > WIDE {
                     ui.label(theme::small(ui.ctx(), self.viewport.hint));
                 }
             }

@@ -313,30 +313,36 @@ impl Editor {
         let mut wants_volume = false;
         let shown = !self.layout.hides_panels;
         if shown {
-            Panel::right("right").frame(frame).default_size(290.0).size_range(220.0..=420.0).show(ui, |ui| {
-                objects::show(ui, open, &self.gallery, &mut self.layout.renaming);
-                ui.separator();
-                if self.layout.shows_history {
-                    history::show(ui, open);
+            Panel::right("right")
+                .frame(frame)
+                .default_size(290.0)
+                .size_range(200.0..=share(ui.available_width(), 420.0))
+                .show(ui, |ui| {
+                    objects::show(ui, open, &self.gallery, &mut self.layout.renaming);
                     ui.separator();
-                }
-                egui::ScrollArea::vertical().id_salt("properties").auto_shrink(false).show(ui, |ui| {
-                    wants_volume = properties::show(ui, open);
+                    if self.layout.shows_history {
+                        history::show(ui, open);
+                        ui.separator();
+                    }
+                    egui::ScrollArea::vertical().id_salt("properties").auto_shrink(false).show(ui, |ui| {
+                        wants_volume = properties::show(ui, open);
+                    });
                 });
-            });
-            Panel::bottom("function").frame(frame).default_size(210.0).size_range(120.0..=480.0).resizable(true).show(
-                ui,
-                |ui| {
+            Panel::bottom("function")
+                .frame(frame)
+                .default_size(210.0)
+                .size_range(120.0..=share(ui.available_height(), 480.0))
+                .resizable(true)
+                .show(ui, |ui| {
                     Panel::right("gallery")
                         .frame(egui::Frame::new().inner_margin(egui::Margin { left: 12, ..Default::default() }))
                         .default_size(290.0)
-                        .size_range(150.0..=520.0)
+                        .size_range(120.0..=share(ui.available_width(), 520.0))
                         .show(ui, |ui| styles::show(ui, open, &self.gallery, &mut self.layout.search));
                     CentralPanel::default().frame(egui::Frame::new()).show(ui, |ui| {
                         transfer_function::show(ui, open, &self.gallery, &mut self.layout.function);
                     });
-                },
-            );
+                });
         }
         CentralPanel::default().frame(canvas).show(ui, |ui| {
             self.viewport.show(ui, open, &self.gallery, &mut self.layout.function, &self.painter);
@@ -359,6 +365,12 @@ impl Editor {
             autosave.leave(&open.document, open.path.as_deref());
         }
     }
+}
+
+/// The most that a panel may take of what there is, in points; `most` where there is enough. Small windows and large text leave
+/// the figure its place.
+fn share(available: f32, most: f32) -> f32 {
+    (0.4 * available).clamp(200.0, most)
 }
 
 /// Wakes the window from another thread.
