@@ -54,7 +54,7 @@ pub fn shorter(number: f64) -> String {
 fn row<R>(ui: &mut Ui, label: &str, tooltip: &str, add: impl FnOnce(&mut Ui, &str) -> R) -> R {
     ui.horizontal(|ui| {
         let text = egui::Label::new(theme::small(ui.ctx(), label)).truncate();
-        let rect = ui.allocate_ui_with_layout(
+        ui.allocate_ui_with_layout(
             egui::Vec2::new(LABEL, theme::ROW),
             egui::Layout::left_to_right(egui::Align::Center),
             |ui| {
@@ -62,7 +62,6 @@ fn row<R>(ui: &mut Ui, label: &str, tooltip: &str, add: impl FnOnce(&mut Ui, &st
                 ui.add(text).on_hover_text(tooltip);
             },
         );
-        let _ = rect;
         add(ui, label)
     })
     .inner
@@ -101,22 +100,22 @@ fn appearance(ui: &mut Ui, open: &mut OpenFigure) {
     let response = number(ui, "Opacity is per", tooltip, &mut length, " mm", 0.01 * voxel);
     let longest = Command::SetReferenceLength { object: index, length_mm: Some(length.max(1e-6)) };
     open.edit_by(&response, response.changed().then_some(longest));
-    reset(ui, function.reference_length_mm.is_some(), "Reset to one voxel", &response)
+    reset(&response, function.reference_length_mm.is_some())
         .then(|| open.edit(Command::SetReferenceLength { object: index, length_mm: None }));
     let mut scale = object.gradient_scale_mm.unwrap_or(voxel);
     let tooltip = "How far the shading is smoothed: more for noisy or coarse scans. 0: not at all";
     let response = number(ui, "Smooth shading", tooltip, &mut scale, " mm", 0.01 * voxel);
     let smoothed = Command::SetGradientScale { object: index, scale_mm: Some(scale.max(0.0)) };
     open.edit_by(&response, response.changed().then_some(smoothed));
-    reset(ui, object.gradient_scale_mm.is_some(), "Reset to one voxel", &response)
+    reset(&response, object.gradient_scale_mm.is_some())
         .then(|| open.edit(Command::SetGradientScale { object: index, scale_mm: None }));
 }
 
 /// In the field's context menu, where a double click would begin to type.
-fn reset(_: &mut Ui, is_set: bool, text: &str, response: &Response) -> bool {
+fn reset(response: &Response, is_set: bool) -> bool {
     let mut wanted = false;
     response.context_menu(|ui| {
-        if ui.add_enabled(is_set, egui::Button::new(text)).clicked() {
+        if ui.add_enabled(is_set, egui::Button::new("Reset to one voxel")).clicked() {
             wanted = true;
             ui.close();
         }
