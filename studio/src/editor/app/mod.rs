@@ -316,7 +316,7 @@ impl Editor {
             Panel::right("right")
                 .frame(frame)
                 .default_size(290.0)
-                .size_range(200.0..=share(ui.available_width(), 420.0))
+                .size_range(250.0..=share(ui.available_width(), 420.0).max(280.0))
                 .show(ui, |ui| {
                     objects::show(ui, open, &self.gallery, &mut self.layout.renaming);
                     ui.separator();
