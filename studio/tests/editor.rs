@@ -722,6 +722,28 @@ fn what_a_crash_leaves_is_offered_and_restored() {
 }
 
 #[test]
+fn saving_on_the_way_out_goes_on_to_where_one_was_going() {
+    let place = Place::with_ball();
+    let mut harness = harness(None);
+    harness.step();
+    // A new figure has no file: it is asked for in between.
+    drop_files(&mut harness, &[place.path("figure.json"), place.path("ball.raw")]);
+    settle(&mut harness);
+    run(&mut harness, UiCommand::FromLeft);
+    run(&mut harness, UiCommand::New);
+    harness.step();
+    click_on(&mut harness, "Save");
+    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    harness.event(Event::Text(place.path("new.json").display().to_string()));
+    harness.step();
+    harness.key_press(Key::Enter);
+    harness.step();
+    harness.step();
+    assert!(Template::read(&place.path("new.json")).is_ok());
+    assert!(editor(&harness).document().is_none(), "the start page was asked for");
+}
+
+#[test]
 fn the_start_page_begins_figures_that_are_nobodys_file() {
     let mut harness = harness(None);
     harness.step();

@@ -630,7 +630,7 @@ mod tests {
     }
 
     /// The definition of the percentile.
-    fn percentile_rank_above_background(sorted: &[f64], p: f64) -> f64 {
+    fn percentile_of(sorted: &[f64], p: f64) -> f64 {
         sorted[((p / 100.0 * sorted.len() as f64).ceil() as usize).clamp(1, sorted.len()) - 1]
     }
 
@@ -662,12 +662,8 @@ mod tests {
                 let above = sorted(values.iter().copied().filter(|&v| v > s.background));
                 assert_eq!(s.num_above_background(), above.len() as u64);
                 for p in PERCENTS {
-                    assert_eq!(s.percentile(p), percentile_rank_above_background(&values, p), "{name} {p}");
-                    assert_eq!(
-                        s.percentile_above_background(p),
-                        percentile_rank_above_background(&above, p),
-                        "{name} {p}"
-                    );
+                    assert_eq!(s.percentile(p), percentile_of(&values, p), "{name} {p}");
+                    assert_eq!(s.percentile_above_background(p), percentile_of(&above, p), "{name} {p}");
                 }
                 backgrounds.push(s.background);
             }
@@ -699,10 +695,7 @@ mod tests {
         for p in PERCENTS {
             // The value of a rank at most 0.01 % off.
             let got = s.percentile(p);
-            let (low, high) = (
-                percentile_rank_above_background(&values, p - 0.01),
-                percentile_rank_above_background(&values, p + 0.01),
-            );
+            let (low, high) = (percentile_of(&values, p - 0.01), percentile_of(&values, p + 0.01));
             assert!((low..=high).contains(&got), "{p} %: {got} is not in {low}..={high}");
         }
         assert_eq!((s.percentile(0.0), s.percentile(100.0)), (s.min, s.max));
@@ -744,7 +737,7 @@ mod tests {
         let s = check_binned(Voxels::I32(wide.clone()), wide.iter().map(|&v| f64::from(v)), Rescale::IDENTITY);
         let values = sorted(wide.iter().map(|&v| f64::from(v)));
         for p in PERCENTS {
-            assert_eq!(s.percentile(p), percentile_rank_above_background(&values, p));
+            assert_eq!(s.percentile(p), percentile_of(&values, p));
         }
     }
 

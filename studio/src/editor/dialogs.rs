@@ -32,10 +32,6 @@ pub enum Then {
     New,
     /// These are opened.
     Open(Vec<PathBuf>),
-    /// A figure that came with the program.
-    Shipped(usize),
-    /// What a crash left behind.
-    Restore(usize),
 }
 
 /// What a dialog ended with.

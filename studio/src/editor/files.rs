@@ -115,7 +115,7 @@ fn dress(mut figure: Template, from: &Path, others: &[&PathBuf], progress: &Prog
             figure.volumes.len()
         );
     }
-    rename_files(&mut figure, from.parent(), None)?;
+    rename_files(&mut figure, folder_of(from).as_deref(), None)?;
     for (slot, path) in figure.volumes.iter_mut().zip(others) {
         *slot = slot_for(slot, path)?;
     }
@@ -139,10 +139,7 @@ pub fn slot_for(slot: &VolumeSlot, path: &Path) -> Result<VolumeSlot> {
 /// # Errors
 /// One sentence from the reader.
 pub fn load_slot(slot: &VolumeSlot, folder: &Path, progress: &Progress) -> Result<Arc<Volume>> {
-    let raw = slot.raw.as_deref().map(str::parse).transpose();
-    let raw = raw.map_err(|e| anyhow::anyhow!("the raw layout of the volume \"{}\": {e}", slot.name))?;
-    let volume = VolumeSource::parse(&slot.file, folder)?.load(&ReadOptions { frame: slot.frame, raw }, progress)?;
-    Ok(counted(vec![volume], progress)?.remove(0))
+    Ok(counted(vec![bridge::load_slot(slot, folder, progress)?], progress)?.remove(0))
 }
 
 fn undressed(path: &Path, progress: &Progress) -> Result<Loaded> {

@@ -18,8 +18,9 @@ use fabrica_engine::render::{RenderOptions, Renderer};
 use fabrica_engine::scene::{Background, Quality, Scene};
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
-use fabrica_engine::{Error, color, estimate};
+use fabrica_engine::{color, estimate};
 
+use super::files::is_cancelled;
 use crate::figure::{Template, bridge};
 
 /// A figure to draw.
@@ -38,7 +39,7 @@ pub struct Request {
 /// How far a picture is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stage {
-    /// A few of its pixels, at draft quality.
+    /// A few of its pixels, in haste.
     Coarse,
     /// All pixels, at draft quality or partly finer: share of the rows that are done.
     Refining(f32),
@@ -277,9 +278,7 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, styles: &StyleLi
         }
         match outcome {
             Ok(()) => {}
-            Err(error) if error.downcast_ref::<Error>().is_some_and(|e| matches!(e, Error::Cancelled)) => {
-                tell(Update::Stopped { number });
-            }
+            Err(error) if is_cancelled(&error) => tell(Update::Stopped { number }),
             Err(error) => tell(Update::Failed { number, message: format!("{error:#}") }),
         }
     }
@@ -356,8 +355,10 @@ fn draw(
         pace.tiles_took(pace.num_tiles(request.size), begun.elapsed());
     }
     // What is finished is judged, while nothing else is wanted.
-    let estimate = estimate::of_quality(renderer, &scene, request.size, progress)?;
-    tell(Update::Estimated { number, codes: estimate.codes });
+    // The picture is there even if it cannot be, or if the next request is quicker.
+    if let Ok(estimate) = estimate::of_quality(renderer, &scene, request.size, progress) {
+        tell(Update::Estimated { number, codes: estimate.codes });
+    }
     Ok(())
 }
 

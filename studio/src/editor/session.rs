@@ -46,6 +46,9 @@ pub struct Recent {
     /// A PNG of at most [`THUMBNAIL`] pixels a side, if there is one.
     #[serde(skip)]
     pub thumbnail: Option<PathBuf>,
+    /// Whether its file was there when the list was read.
+    #[serde(skip)]
+    pub is_there: bool,
 }
 
 /// A picture as the window has it.
@@ -115,6 +118,7 @@ impl Session {
         let Some(folder) = self.folder() else { return Vec::new() };
         let mut recents = read_recents(folder);
         for recent in &mut recents {
+            recent.is_there = recent.path.exists();
             recent.thumbnail = Some(thumbnail_path(folder, &recent.path)).filter(|p| p.is_file());
         }
         recents
@@ -132,6 +136,7 @@ impl Session {
             opened: SystemTime::now(),
             page: format!("{} x {} mm", figure.figure.width_mm, figure.figure.height_mm),
             thumbnail: None,
+            is_there: true,
             path,
         };
         let _lock = lock(folder)?;

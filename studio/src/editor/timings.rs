@@ -11,12 +11,12 @@ pub struct Timings {
     begun: Instant,
     /// From the program's beginning until the first frame that can be used.
     usable: Option<Duration>,
-    last_frame: Option<Instant>,
-    was_busy: bool,
+    /// Whether a picture was drawn in the last frame; none before the first.
+    was_busy: Option<bool>,
     /// CPU time of the window's frames, ms: while the picture is drawn, and at rest.
     busy_ms: Vec<f64>,
     idle_ms: Vec<f64>,
-    /// From one frame to the next while the picture is drawn, where the next followed at once, ms.
+    /// Of taking a step back or bringing it again, without the picture, ms.
     undo_ms: Vec<f64>,
 }
 
@@ -27,8 +27,7 @@ impl Timings {
             path,
             begun,
             usable: None,
-            last_frame: None,
-            was_busy: false,
+            was_busy: None,
             busy_ms: Vec::new(),
             idle_ms: Vec::new(),
             undo_ms: Vec::new(),
@@ -38,8 +37,8 @@ impl Timings {
     /// The time that the frame before took, as eframe measures it, in seconds: the window's code, its drawing, and handing it
     /// to the screen.
     pub fn cpu_usage(&mut self, seconds: Option<f32>) {
-        let Some(seconds) = seconds.filter(|_| self.last_frame.is_some()) else { return };
-        let times = if self.was_busy { &mut self.busy_ms } else { &mut self.idle_ms };
+        let Some((seconds, was_busy)) = seconds.zip(self.was_busy) else { return };
+        let times = if was_busy { &mut self.busy_ms } else { &mut self.idle_ms };
         times.push(1e3 * f64::from(seconds));
     }
 
@@ -48,7 +47,7 @@ impl Timings {
         if usable && self.usable.is_none() {
             self.usable = Some(self.begun.elapsed());
         }
-        (self.last_frame, self.was_busy) = (Some(Instant::now()), busy);
+        self.was_busy = Some(busy);
     }
 
     /// A step was taken back or brought again.

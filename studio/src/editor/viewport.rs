@@ -16,7 +16,7 @@ use glam::{DVec2, DVec3};
 use super::gallery::{DraggedStyle, Gallery};
 use super::open_figure::OpenFigure;
 use super::painter::{Painter, Request, Stage, Update};
-use super::panels::curve::{insert_node, materials};
+use super::panels::curve::{dress_material, insert_node};
 use super::panels::properties::shorter;
 use super::panels::transfer_function::FunctionView;
 use super::{theme, view};
@@ -99,10 +99,7 @@ impl Picture {
                 self.stage = Some(Stage::Failed);
                 return Some(message);
             }
-            // Finished, and only its error was still being estimated.
-            Update::Stopped { number } if number == self.number && !self.is_refined() => {
-                self.stage = Some(Stage::Stopped);
-            }
+            Update::Stopped { number } if number == self.number => self.stage = Some(Stage::Stopped),
             Update::Estimated { number, codes } if number == self.number => self.error_codes = Some(codes),
             Update::Rows { number, size, y, num_rows, pixels, stage } if number == self.number => {
                 if let Some(asked) = self.asked_at.take() {
@@ -258,8 +255,14 @@ impl Viewport {
         {
             self.ask_what(open, gallery, at, frame, size);
         }
+        // A style that falls on the picture dresses the material that is seen there.
         function_view.aimed = Self::aim(ui, &response, open, gallery, frame, size);
-        self.drop_style(ui, &response, open, gallery, frame, size);
+        if let Some(node) = function_view.aimed
+            && let Some(style) = response.dnd_release_payload::<DraggedStyle>()
+        {
+            dress_material(open, node, &style.0);
+            open.node = Some(node);
+        }
         self.answer(ui, open, gallery, function_view);
     }
 
@@ -403,28 +406,6 @@ impl Viewport {
         let at = ui.input(|i| i.pointer.latest_pos())?;
         let pick = Self::pick_at(open, gallery, at, frame, size)?;
         Some(nearest_node(open, &pick))
-    }
-
-    /// A style that falls on the picture dresses the material that is seen there.
-    fn drop_style(
-        &mut self,
-        ui: &Ui,
-        response: &Response,
-        open: &mut OpenFigure,
-        gallery: &Gallery,
-        frame: Rect,
-        size: [u32; 2],
-    ) {
-        let Some(style) = response.dnd_release_payload::<DraggedStyle>() else { return };
-        let Some(at) = ui.input(|i| i.pointer.latest_pos()) else { return };
-        let Some(pick) = Self::pick_at(open, gallery, at, frame, size) else { return };
-        let node = nearest_node(open, &pick);
-        let Some(object) = open.chosen() else { return };
-        let run = materials(&object.transfer_function.nodes).into_iter().find(|run| run.contains(&node));
-        if let Some(nodes) = run {
-            open.edit(Command::SetStyle { object: open.object, nodes, style: style.0.clone() });
-            open.node = Some(node);
-        }
     }
 
     /// The answer to "what is this?", beside the place that was asked about.

@@ -17,7 +17,7 @@ use glam::DVec3;
 
 use super::source::VolumeSource;
 use super::template::{
-    Background, CameraTemplate, Domain, ObjectTemplate, ProjectionName, QualityName, Reference, Template,
+    Background, CameraTemplate, Domain, ObjectTemplate, ProjectionName, QualityName, Reference, Template, VolumeSlot,
 };
 
 /// A volume that takes the place of a template's own.
@@ -55,13 +55,21 @@ pub fn load_volumes(
             if let Some(r) = replacements.get(i) {
                 return r.source.load(&r.options, progress);
             }
-            let raw = slot.raw.as_deref().map(str::parse).transpose();
-            let raw = raw.map_err(|e| anyhow::anyhow!("the raw layout of the volume \"{}\": {e}", slot.name))?;
-            VolumeSource::parse(&slot.file, folder)?
-                .load(&ReadOptions { frame: slot.frame, raw }, progress)
-                .with_context(|| format!("the template's volume \"{}\" cannot be loaded", slot.name))
+            load_slot(slot, folder, progress)
         })
         .collect()
+}
+
+/// Loads what a template names in a slot (relative to `folder`).
+///
+/// # Errors
+/// One sentence.
+pub fn load_slot(slot: &VolumeSlot, folder: &Path, progress: &Progress) -> Result<Arc<Volume>> {
+    let raw = slot.raw.as_deref().map(str::parse).transpose();
+    let raw = raw.map_err(|e| anyhow::anyhow!("the raw layout of the volume \"{}\": {e}", slot.name))?;
+    VolumeSource::parse(&slot.file, folder)?
+        .load(&ReadOptions { frame: slot.frame, raw }, progress)
+        .with_context(|| format!("the template's volume \"{}\" cannot be loaded", slot.name))
 }
 
 /// The scene of a template with its volumes (one per slot), and what the user might want to know about how it came

@@ -1,5 +1,7 @@
 //! The figures that come with the program: places to begin.
 
+use std::sync::LazyLock;
+
 use super::Template;
 
 /// A figure with its picture.
@@ -31,6 +33,13 @@ pub const SHIPPED: &[Shipped] = &[
     shipped!("head_engraving", "CT in HU: an engraving on paper"),
     shipped!("head_xray", "CT in HU: translucent throughout"),
 ];
+
+static TITLES: LazyLock<Vec<String>> = LazyLock::new(|| SHIPPED.iter().map(|s| s.figure().title).collect());
+
+/// What each of [`SHIPPED`] is called.
+pub fn titles() -> &'static [String] {
+    &TITLES
+}
 
 impl Shipped {
     /// The figure.

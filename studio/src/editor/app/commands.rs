@@ -160,13 +160,6 @@ impl Editor {
         let _ = self.session.keep_settings(&settings);
     }
 
-    /// Makes an edit; a fault becomes the banner.
-    pub fn edit(&mut self, command: Command) {
-        if let Some(open) = &mut self.open {
-            open.edit(command);
-        }
-    }
-
     pub(super) fn ask_for_path(&mut self, ctx: &Context, purpose: Purpose) {
         if self.system_dialogs {
             if self.file_dialog.is_none() {
@@ -236,8 +229,6 @@ impl Editor {
                 ctx.send_viewport_cmd(ViewportCommand::Title("Fabrica".to_owned()));
             }
             Then::Open(paths) => self.load(ctx, paths),
-            Then::Shipped(which) => self.load_shipped(ctx, which),
-            Then::Restore(which) => self.restore(ctx, which),
         }
     }
 
@@ -258,8 +249,12 @@ impl Editor {
                 ctx.send_viewport_cmd(ViewportCommand::Title(format!("{} - Fabrica", open.name())));
                 self.notice = Notice::now(format!("Saved {}", path.display()));
                 self.note_recent();
+                if let Some(then) = self.after_saving.take() {
+                    self.go_on(ctx, then);
+                }
             }
             Err(error) => {
+                self.after_saving = None;
                 let text = format!("{error:#}. Nothing was lost");
                 self.banner = Some(Banner { offer: Some(UiCommand::SaveAs), ..Banner::new(text) });
             }
@@ -271,18 +266,16 @@ impl Editor {
         let chosen = dialogs::show(ctx, &mut dialog, |command| self.disabled(command));
         match (chosen, dialog) {
             (None, dialog) => self.dialog = Some(dialog),
-            (Some(Choice::Cancel), _) => {}
+            (Some(Choice::Cancel), _) => self.after_saving = None,
             (Some(Choice::Run(command)), _) => self.run(ctx, command),
             (Some(_), Dialog::Path(purpose, text)) => {
-                // A volume may be missing its file's unsaved changes; they are asked about where it matters.
                 self.path_given(ctx, purpose, PathBuf::from(text.trim()));
             }
             (Some(Choice::Other), Dialog::Unsaved(then)) => self.go_on(ctx, then),
             (Some(_), Dialog::Unsaved(then)) => {
+                // It may take a path first.
+                self.after_saving = Some(then);
                 self.save(ctx);
-                if self.document().is_some_and(|d| !d.is_changed()) {
-                    self.go_on(ctx, then);
-                }
             }
             (Some(Choice::Other), Dialog::Dropped(paths)) => self.guarded(ctx, Then::Open(paths)),
             (Some(_), Dialog::Dropped(paths)) => {

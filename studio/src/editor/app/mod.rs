@@ -95,6 +95,8 @@ pub struct Editor {
     missing: Option<(VolumeSlot, String)>,
     file_dialog: Option<FileDialog>,
     dialog: Option<Dialog>,
+    /// What was asked for when the figure was to be saved first.
+    after_saving: Option<Then>,
     recents: Vec<Recent>,
     /// The thread that puts a figure on that list.
     noting: Option<JoinHandle<()>>,
@@ -135,6 +137,7 @@ impl Editor {
             missing: None,
             file_dialog: None,
             dialog: None,
+            after_saving: None,
             banner: None,
             notice: Notice::default(),
             timings: options.timings.map(|(path, begun)| Timings::new(path, begun)),
@@ -149,11 +152,6 @@ impl Editor {
     /// The document, if one is open.
     pub fn document(&self) -> Option<&Document> {
         self.open.as_ref().map(|open| &open.document)
-    }
-
-    /// The figure that is open, with what is chosen in it.
-    pub fn open_figure(&mut self) -> Option<&mut OpenFigure> {
-        self.open.as_mut()
     }
 
     /// Whether something is read, or a picture is still to come.
@@ -206,7 +204,7 @@ impl Editor {
         {
             match answer {
                 Answer::Path(path) => self.path_given(ctx, dialog.purpose, path),
-                Answer::Nothing => {}
+                Answer::Nothing => self.after_saving = None,
                 Answer::NoDialog => self.ask_for_typed_path(dialog.purpose),
             }
         }
@@ -256,6 +254,10 @@ impl Editor {
     /// Shortcuts, at the end of a frame: what the pointer did in it came first (a drag, then Ctrl+S).
     fn shortcuts(&mut self, ctx: &Context) {
         if self.dialog.is_some() {
+            return;
+        }
+        let pressed = |event: &egui::Event| matches!(event, egui::Event::Key { pressed: true, .. });
+        if !ctx.input(|i| i.events.iter().any(pressed)) {
             return;
         }
         let typing = ctx.text_edit_focused();

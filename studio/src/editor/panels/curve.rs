@@ -168,6 +168,14 @@ pub fn materials(nodes: &[NodeTemplate]) -> Vec<Range<usize>> {
     runs
 }
 
+/// Dresses the material that a node of the chosen object is of.
+pub fn dress_material(open: &mut OpenFigure, node: usize, style: &str) {
+    let Some(object) = open.chosen() else { return };
+    if let Some(nodes) = materials(&object.transfer_function.nodes).into_iter().find(|run| run.contains(&node)) {
+        open.edit(Command::SetStyle { object: open.object, nodes, style: style.to_owned() });
+    }
+}
+
 /// What is known of a volume's values; counted when it was loaded.
 pub fn statistics_of(volume: Option<&Volume>) -> Option<&Statistics> {
     volume.and_then(|v| v.known_statistics())

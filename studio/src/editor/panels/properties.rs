@@ -142,7 +142,9 @@ fn page(ui: &mut Ui, open: &mut OpenFigure) {
     let mut changed = None;
     for (label, tooltip, value, suffix, speed) in fields {
         let response = number(ui, label, tooltip, value, suffix, speed);
-        *value = value.clamp(1.0, 10_000.0);
+        if response.changed() {
+            *value = value.clamp(1.0, 10_000.0);
+        }
         if response.changed() || response.drag_started() || response.drag_stopped() {
             changed = Some(response);
         }

@@ -15,7 +15,7 @@ use super::super::recovery::Orphan;
 use super::super::session::Recent;
 use super::super::theme;
 use super::super::ui_command::UiCommand;
-use crate::figure::shipped::SHIPPED;
+use crate::figure::shipped::{SHIPPED, titles};
 
 /// What was chosen.
 #[derive(Clone, Debug, PartialEq)]
@@ -188,7 +188,7 @@ fn recent_card(ui: &mut Ui, recent: &Recent, pictures: &mut Pictures, choice: &m
         let name = file.display().to_string();
         pictures.get(ui.ctx(), &name, || read_png(file))
     });
-    let there = recent.path.exists();
+    let there = recent.is_there;
     let below = if there { format!("{}, {}", ago(recent.opened), recent.page) } else { "Not found".to_owned() };
     let response = card(ui, picture, &recent.title, &below, !there);
     let response = response.on_hover_text(recent.path.display().to_string());
@@ -206,8 +206,7 @@ fn recent_card(ui: &mut Ui, recent: &Recent, pictures: &mut Pictures, choice: &m
 fn shipped_card(ui: &mut Ui, i: usize, pictures: &mut Pictures, choice: &mut Option<Choice>) {
     let shipped = &SHIPPED[i];
     let picture = pictures.get(ui.ctx(), shipped.name, || decode_png(shipped.picture, Path::new(shipped.name)));
-    let title = shipped.figure().title;
-    if card(ui, picture, &title, shipped.description, false).clicked() {
+    if card(ui, picture, &titles()[i], shipped.description, false).clicked() {
         *choice = Some(Choice::Shipped(i));
     }
 }

@@ -5,8 +5,7 @@ use eframe::egui::{self, Align2, FontId, Id, LayerId, Order, Pos2, Role, ScrollA
 use super::super::gallery::{DraggedStyle, Gallery};
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
-use super::curve::materials;
-use crate::figure::Command;
+use super::curve::dress_material;
 
 /// A cell: a sphere with its name below.
 const CELL: Vec2 = Vec2::new(66.0, 62.0);
@@ -29,6 +28,9 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut 
     }
     let library = gallery.library().clone();
     let found = |name: &str| {
+        if wanted.is_empty() {
+            return Some(());
+        }
         let info = library.info(name).ok()?;
         let words = format!("{} {} {}", info.title, info.tags.join(" "), info.description).to_lowercase();
         wanted.split_whitespace().all(|w| words.contains(w)).then_some(())
@@ -80,8 +82,10 @@ fn cell(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, group: &str, name
     let response = ui.interact(rect, Id::unique(("style", group, name)), Sense::click_and_drag());
     let title = gallery.title(name).to_owned();
     response.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Style {title}")));
-    if response.clicked() {
-        dress_chosen(open, name);
+    if response.clicked()
+        && let Some(node) = open.node
+    {
+        dress_material(open, node, name);
     }
     let tokens = theme::tokens(ui.ctx());
     let center = Pos2::new(rect.center().x, rect.top() + SPHERE + 3.0);
@@ -98,14 +102,6 @@ fn cell(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, group: &str, name
         return response.on_hover_text(format!("{title}. {described}\n{how} onto a node, a sphere or the picture."));
     }
     response
-}
-
-/// Dresses the material that the chosen node is of.
-fn dress_chosen(open: &mut OpenFigure, style: &str) {
-    let Some((object, node)) = open.chosen().zip(open.node) else { return };
-    if let Some(nodes) = materials(&object.transfer_function.nodes).into_iter().find(|run| run.contains(&node)) {
-        open.edit(Command::SetStyle { object: open.object, nodes, style: style.to_owned() });
-    }
 }
 
 fn short(text: &str, most: usize) -> String {
