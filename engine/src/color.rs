@@ -33,6 +33,12 @@ pub fn srgb8_from_linear(linear: f32) -> u8 {
     CODES.code(linear)
 }
 
+/// Linear luminance, 0 to 1, of an sRGB color: Rec. 709 weights, which sum to 1.
+pub fn luminance_of_srgb8(rgb: [u8; 3]) -> f32 {
+    let [r, g, b] = rgb.map(linear_from_srgb8);
+    0.2126 * r + 0.7152 * g + 0.0722 * b
+}
+
 /// Straight linear color of a premultiplied one; alpha ≤ 0 gives transparent black.
 pub fn straight_from_premultiplied(rgba: [f32; 4]) -> [f32; 4] {
     let [r, g, b, a] = rgba;

@@ -11,6 +11,7 @@ pub mod raw;
 mod stream;
 #[cfg(test)]
 mod testing;
+pub mod window;
 
 use std::path::Path;
 
@@ -19,9 +20,11 @@ use glam::DAffine3;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::spaces::Grid;
-use crate::volume::{Rescale, Volume, Voxels};
+use crate::volume::labels::LabelMap;
+use crate::volume::{Modality, Rescale, Volume, Voxels};
 
 use stream::ByteSource;
+use window::Window;
 
 /// What the caller may choose about reading.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -30,6 +33,37 @@ pub struct ReadOptions {
     pub frame: usize,
     /// Read the file as plain voxels in this layout, whatever its content or name.
     pub raw: Option<raw::RawLayout>,
+    /// Which volume of a folder or file with several: an [`Entry::key`], a part of an [`Entry::title`] that only one has, or
+    /// its number in the survey, from 1.
+    pub series: Option<String>,
+    /// Which part of it, and how finely.
+    pub window: Window,
+}
+
+/// A volume that a file or folder offers, as far as headers tell.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    /// What [`ReadOptions::series`] takes to name it among several; made of geometry, modality and description alone, so
+    /// that a template may hold it. Empty where a file holds one volume.
+    pub key: String,
+    /// How the file describes it ("Abdomen 5.0"); may be empty.
+    pub title: String,
+    /// As [`Volume::format`].
+    pub format: String,
+    /// What the values mean.
+    pub modality: Modality,
+    /// Size and place in the world, of the whole.
+    pub grid: Grid,
+    /// The element type as NumPy spells it, "rgb" or "rgba" for colors.
+    pub type_name: &'static str,
+    /// Bytes of one voxel in memory.
+    pub bytes_per_voxel: usize,
+    /// Frames (time points, components) to choose from.
+    pub num_frames: usize,
+    /// Files that it lies in.
+    pub num_files: usize,
+    /// Whether the file says that its numbers are names of structures.
+    pub is_labels: bool,
 }
 
 /// A file format, or a way in which volumes lie in a folder.
@@ -47,11 +81,29 @@ pub trait VolumeReader: Sync {
     /// shorter), decompressed if the file is gzip. For a folder it is empty and `path` is all there is to look at.
     fn recognizes(&self, path: &Path, head: &[u8]) -> bool;
 
-    /// Reads one volume: RAS mm, voxels as stored.
+    /// What there is to read, from headers alone: takes next to no memory, and of big files next to no time. At least one
+    /// entry.
+    ///
+    /// # Errors
+    /// As [`VolumeReader::read`].
+    fn survey(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<Entry>>;
+
+    /// Reads one volume: RAS mm, voxels as stored, of them those in [`ReadOptions::window`].
     ///
     /// # Errors
     /// [`Error::File`] with a sentence for every fault of the file, [`Error::Cancelled`] on request.
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume>;
+
+    /// Reads a label map: one layer, or several where structures overlap. A format that knows names and colors gives them;
+    /// of any other the numbers of an integer volume are the structures.
+    ///
+    /// # Errors
+    /// As [`VolumeReader::read`], and for voxels that are no integers.
+    fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
+        let volume = self.read(path, options, progress)?;
+        let remedy = "open it as a volume, or save it with an integer type";
+        Ok(vec![LabelMap::from_volume(&volume).map_err(|what| Error::file(path, what, remedy))?])
+    }
 }
 
 /// How much of a file [`VolumeReader::recognizes`] gets to see.
@@ -72,6 +124,24 @@ pub fn read_volume(path: &Path, options: &ReadOptions, progress: &Progress) -> R
     let mut volume = reader_for(path, options)?.read(path, options, progress)?;
     volume.source = Some(path.to_owned());
     Ok(volume)
+}
+
+/// Lists the volumes of a file or folder without reading them.
+///
+/// # Errors
+/// As [`read_volume`].
+pub fn survey(path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<Entry>> {
+    progress.check()?;
+    reader_for(path, options)?.survey(path, options, progress)
+}
+
+/// Reads a label map from a file or folder of any known format, a layer for every set of structures that do not overlap.
+///
+/// # Errors
+/// As [`read_volume`], and for voxels that are no integers.
+pub fn read_labels(path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
+    progress.check()?;
+    reader_for(path, options)?.read_labels(path, options, progress)
 }
 
 fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeReader> {
@@ -154,25 +224,24 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     name.strip_suffix(extension).is_some_and(|stem| stem.ends_with('.'))
 }
 
-/// What every reader knows at the end.
-struct Parts<'a> {
-    path: &'a Path,
-    grid: Grid,
+/// The volume of `entry`, with the voxels that its window kept and what the user shall know.
+fn volume_of(
+    path: &Path,
+    entry: &Entry,
+    window: window::OnGrid,
     voxels: Voxels,
     rescale: Rescale,
-    format: &'a str,
-    num_frames: usize,
-    warnings: Vec<String>,
-}
-
-impl Parts<'_> {
-    fn into_volume(self) -> Result<Volume> {
-        let mut volume = Volume::new(self.grid, self.voxels, self.rescale, self.format)
-            .map_err(|what| Error::file(self.path, what, "write the file again"))?;
-        volume.num_frames = self.num_frames;
-        volume.warnings = self.warnings;
-        Ok(volume)
-    }
+    mut warnings: Vec<String>,
+) -> Result<Volume> {
+    let fault = |what| Error::file(path, what, "write the file again");
+    let grid = window.grid(&entry.grid).map_err(fault)?;
+    let mut volume = Volume::new(grid, voxels, rescale, &entry.format).map_err(fault)?;
+    warnings.extend(window.note());
+    volume.num_frames = entry.num_frames;
+    volume.modality = entry.modality;
+    volume.description.clone_from(&entry.title);
+    volume.warnings = warnings;
+    Ok(volume)
 }
 
 /// The grid, with the fault as a sentence about the file.
@@ -208,7 +277,7 @@ fn absurd_size(path: &Path, dims: &[u64]) -> Error {
 
 #[cfg(test)]
 mod tests {
-    use super::testing::{ElementType, Endian, Folder, NiftiFile, Phantom, gzip};
+    use super::testing::{ElementType, Endian, Folder, NiftiFile, Phantom, encode, gzip};
     use super::*;
 
     #[test]
@@ -243,6 +312,59 @@ mod tests {
         assert!(none.to_string().contains("no such file"), "{none}");
         let here = read_volume(folder.path(), &ReadOptions::default(), &Progress::new()).unwrap_err();
         assert!(here.to_string().contains("this is a folder"), "{here}");
+    }
+
+    #[test]
+    fn a_window_is_the_same_part_whatever_the_file() {
+        let folder = Folder::new();
+        let phantom = Phantom::oriented("RAS");
+        let window = Window { crop: Some([[1, 5], [0, 4], [1, 3]]), reduce: [2, 1, 2] };
+        let options = ReadOptions { window, ..ReadOptions::default() };
+        let nifti = NiftiFile::new(1, &phantom, ElementType::F32, Endian::Little).bytes();
+        let [x, y, z] = phantom.dims;
+        let digits: Vec<_> = phantom.values.iter().map(f64::to_string).collect();
+        let nrrd = |encoding: &str| {
+            format!("NRRD0004\ntype: float\ndimension: 3\nsizes: {x} {y} {z}\nencoding: {encoding}\nendian: little\n\n")
+        };
+        let raw = encode(&phantom.values, ElementType::F32, Endian::Little);
+        for (name, bytes) in [
+            ("a.nii", nifti.clone()),
+            ("a.nii.gz", gzip(&nifti)),
+            ("a.nrrd", [nrrd("raw").as_bytes(), &raw].concat()),
+            ("b.nrrd", [nrrd("gzip").as_bytes(), &gzip(&raw)].concat()),
+            ("c.nrrd", [nrrd("ascii"), digits.join(" ")].concat().into_bytes()),
+        ] {
+            let path = folder.write(name, &bytes);
+            let volume = read_volume(&path, &options, &Progress::new()).unwrap();
+            assert_eq!(volume.grid.dims(), [2, 4, 1], "{name}");
+            let at = |i: usize, j: usize, k: usize| phantom.values[i + x * (j + y * k)];
+            for (i, j) in [(0, 0), (1, 0), (0, 3), (1, 2)] {
+                let block = [(1, 1), (2, 1), (1, 2), (2, 2)].map(|(di, k)| at(2 * i + di, j, k));
+                assert!((volume.value(i, j, 0) - block.iter().sum::<f64>() / 4.0).abs() < 1e-5, "{name}");
+            }
+            assert!(volume.warnings.iter().any(|w| w.contains("2 x 4 x 1 were loaded")), "{:?}", volume.warnings);
+            let entries = survey(&path, &ReadOptions::default(), &Progress::new()).unwrap();
+            assert_eq!((entries.len(), entries[0].grid.dims(), entries[0].type_name), (1, phantom.dims, "float32"));
+        }
+    }
+
+    #[test]
+    fn integer_volumes_are_label_maps_and_others_are_not() {
+        let folder = Folder::new();
+        let phantom =
+            Phantom { values: (0..60).map(|i| [0.0, 1605.0, 7.0][i % 3]).collect(), ..Phantom::oriented("RAS") };
+        let read = |element| {
+            let bytes = NiftiFile::new(1, &phantom, element, Endian::Little).bytes();
+            read_labels(&folder.write("a.nii", &bytes), &ReadOptions::default(), &Progress::new())
+        };
+        let layers = read(ElementType::I16).unwrap();
+        let ids: Vec<_> = layers[0].labels.iter().map(|l| (l.id, l.name.as_str())).collect();
+        assert_eq!(ids, [(0, "background"), (7, "7"), (1605, "1605")]);
+        assert_eq!(layers[0].voxels[..4], [0, 2, 1, 0]);
+        let halves = Phantom { values: vec![0.5; 60], ..Phantom::oriented("RAS") };
+        let bytes = NiftiFile::new(1, &halves, ElementType::F32, Endian::Little).bytes();
+        let error = read_labels(&folder.write("b.nii", &bytes), &ReadOptions::default(), &Progress::new()).unwrap_err();
+        assert!(error.to_string().contains("a voxel is 0.5, which numbers no structure"), "{error}");
     }
 
     #[test]

@@ -8,11 +8,12 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::stream::{self, ByteSource, ElementType, Endian, VoxelRequest};
-use super::{Parts, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of};
+use super::window::Averaging;
+use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of, volume_of};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::spaces::Grid;
-use crate::volume::{Rescale, Volume};
+use crate::volume::{Modality, Rescale, Volume};
 
 /// Reads NIfTI-1, NIfTI-2 and NIfTI pairs.
 pub struct NiftiReader;
@@ -30,7 +31,47 @@ impl VolumeReader for NiftiReader {
         Layout::find(head).is_some() || is_analyze(head)
     }
 
+    fn survey(&self, path: &Path, _options: &ReadOptions, _progress: &Progress) -> Result<Vec<Entry>> {
+        Ok(vec![Opened::open(path)?.entry])
+    }
+
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
+        let Opened { header, entry, element, data_path, data_start, mut source, warnings, rescale } =
+            Opened::open(path)?;
+        check_frame(path, options.frame, entry.num_frames)?;
+        let window = options.window.on(path, entry.grid.dims())?;
+        let frame_bytes = (entry.grid.num_voxels() * element.num_bytes()) as u64;
+        let frame_start = data_start + options.frame as u64 * frame_bytes;
+        progress.begin("reading", frame_start + frame_bytes);
+        source.skip(frame_start, progress)?;
+        let request = VoxelRequest {
+            element,
+            endian: header.endian,
+            window,
+            averaging: Averaging::Mean,
+            is_size_checked: !source.is_gzip(),
+        };
+        let voxels = stream::read_voxels(&mut source, request, &data_path, progress)?;
+        source.finish(progress)?;
+        volume_of(path, &entry, window, voxels, rescale, warnings)
+    }
+}
+
+/// A file whose header is understood and whose voxels are there as far as the file's size tells.
+struct Opened {
+    header: Header,
+    entry: Entry,
+    element: ElementType,
+    data_path: PathBuf,
+    data_start: u64,
+    /// The data file from its beginning.
+    source: ByteSource,
+    warnings: Vec<String>,
+    rescale: Rescale,
+}
+
+impl Opened {
+    fn open(path: &Path) -> Result<Self> {
         // Of a pair, the voxels may be named as well as the header.
         let header_path = match sibling(path, "img", "hdr") {
             Sibling::Is(header) => header,
@@ -61,38 +102,26 @@ impl VolumeReader for NiftiReader {
         let element = header.element_type(path)?;
         let world_from_index = header.world_from_index(path, shape.dims, &mut warnings)?;
         let rescale = header.rescale(&mut warnings);
-        check_frame(path, options.frame, usize::try_from(shape.num_frames).unwrap_or(usize::MAX))?;
 
         let [x, y, z] = shape.dims;
         let all = [x, y, z, shape.num_frames];
         let absurd = || absurd_size(path, &all);
-        let frame_bytes = stream::size_bytes(&shape.dims, element).ok_or_else(absurd)?;
         let end = stream::size_bytes(&all, element).and_then(|n| n.checked_add(data_start)).ok_or_else(absurd)?;
-        let mut source = ByteSource::open(&data_path)?;
+        let source = ByteSource::open(&data_path)?;
         source.check_holds(end)?;
-        let grid = grid_of(path, shape.dims, world_from_index)?;
-
-        let frame_start = data_start + options.frame as u64 * frame_bytes;
-        progress.begin("reading", frame_start + frame_bytes);
-        source.skip(frame_start, progress)?;
-        let request = VoxelRequest {
-            element,
-            endian: header.endian,
-            count: grid.num_voxels(),
-            is_size_checked: !source.is_gzip(),
-        };
-        let voxels = stream::read_voxels(&mut source, request, &data_path, progress)?;
-        source.finish(progress)?;
-        Parts {
-            path,
-            grid,
-            voxels,
-            rescale,
-            format: header.format(),
+        let entry = Entry {
+            key: String::new(),
+            title: String::new(),
+            format: header.format().to_owned(),
+            modality: Modality::Unknown,
+            grid: grid_of(path, shape.dims, world_from_index)?,
+            type_name: element.name(),
+            bytes_per_voxel: element.num_bytes(),
             num_frames: usize::try_from(shape.num_frames).unwrap_or(usize::MAX),
-            warnings,
-        }
-        .into_volume()
+            num_files: 1 + usize::from(header.is_pair),
+            is_labels: false,
+        };
+        Ok(Self { header, entry, element, data_path, data_start, source, warnings, rescale })
     }
 }
 

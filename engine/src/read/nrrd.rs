@@ -9,10 +9,11 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::stream::{self, ByteSource, ElementType, Endian, HexBytes, Pick, PickedBytes, VoxelRequest};
-use super::{Parts, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of};
+use super::window::{Averaging, OnGrid};
+use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of, volume_of};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::volume::{Rescale, Volume};
+use crate::volume::{Modality, Rescale, Volume, Voxels};
 
 /// A header longer than this is none: the longest in the wild are segmentations with hundreds of entries.
 const MAX_HEADER_BYTES: usize = 16 << 20;
@@ -33,27 +34,77 @@ impl VolumeReader for NrrdReader {
         head.starts_with(b"NRRD000")
     }
 
+    fn survey(&self, path: &Path, _options: &ReadOptions, _progress: &Progress) -> Result<Vec<Entry>> {
+        Ok(vec![Opened::open(path)?.entry])
+    }
+
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
+        let opened = Opened::open(path)?;
+        check_frame(path, options.frame, opened.entry.num_frames)?;
+        let window = options.window.on(path, opened.entry.grid.dims())?;
+        let (entry, voxels, warnings) = opened.read_frame(options.frame, window, Averaging::Mean, progress)?;
+        volume_of(path, &entry, window, voxels, Rescale::IDENTITY, warnings)
+    }
+}
+
+/// A file whose header is understood and whose voxels are there as far as the file's size tells.
+struct Opened {
+    entry: Entry,
+    axes: Axes,
+    element: ElementType,
+    encoding: Encoding,
+    endian: Endian,
+    data_path: PathBuf,
+    /// Bytes to pass over behind the decompressor.
+    skipped: u64,
+    /// The data file from where the voxels begin.
+    source: ByteSource,
+    warnings: Vec<String>,
+}
+
+impl Opened {
+    fn open(path: &Path) -> Result<Self> {
         let header = Header::read(path)?;
         let mut warnings = Vec::new();
         let axes = header.axes(path, &mut warnings)?;
         let world_from_index = header.world_from_index(path, &axes, &mut warnings)?;
-        let num_frames = usize::try_from(axes.num_frames).unwrap_or(usize::MAX);
-        check_frame(path, options.frame, num_frames)?;
         let element = header.element_type(path)?;
         let encoding = header.encoding(path)?;
         let endian = header.endian(path, element, encoding, &mut warnings)?;
 
         let size = stream::size_bytes(&axes.sizes, element).ok_or_else(|| absurd_size(path, &axes.sizes))?;
         let (data_path, data_start) = header.data_place(path, size, encoding)?;
-        let mut source = ByteSource::open_at(&data_path, data_start, encoding == Encoding::Gzip)?;
+        let source = ByteSource::open_at(&data_path, data_start, encoding == Encoding::Gzip)?;
         let skipped = if encoding == Encoding::Gzip { header.byte_skip(path)?.unwrap_or(0) } else { 0 };
         source.check_holds(encoding.min_stored_bytes(size, element).saturating_add(skipped))?;
-        let grid = grid_of(path, axes.dims, world_from_index)?;
+        let is_detached = data_path != path;
+        let entry = Entry {
+            key: String::new(),
+            title: header.get("content").unwrap_or_default().to_owned(),
+            format: if is_detached { "NRRD, detached header" } else { "NRRD" }.to_owned(),
+            modality: Modality::Unknown,
+            grid: grid_of(path, axes.dims, world_from_index)?,
+            type_name: element.name(),
+            bytes_per_voxel: element.num_bytes(),
+            num_frames: usize::try_from(axes.num_frames).unwrap_or(usize::MAX),
+            num_files: 1 + usize::from(is_detached),
+            is_labels: false,
+        };
+        Ok(Self { entry, axes, element, encoding, endian, data_path, skipped, source, warnings })
+    }
 
-        let pick = axes.pick(options.frame as u64, grid.num_voxels());
+    fn read_frame(
+        self,
+        frame: usize,
+        window: OnGrid,
+        averaging: Averaging,
+        progress: &Progress,
+    ) -> Result<(Entry, Voxels, Vec<String>)> {
+        let Self { entry, axes, element, encoding, endian, data_path, skipped, mut source, warnings } = self;
+        let pick = axes.pick(frame as u64, entry.grid.num_voxels());
         let element_bytes = element.num_bytes() as u64;
-        let request = VoxelRequest { element, endian, count: pick.count, is_size_checked: encoding != Encoding::Gzip };
+        let is_size_checked = encoding != Encoding::Gzip;
+        let request = VoxelRequest { element, endian, window, averaging, is_size_checked };
         // Text and hexadecimal digits are counted as they are stored.
         progress.begin("reading", if encoding.is_text() { 0 } else { pick.count as u64 * element_bytes });
         let is_contiguous = pick.run == pick.count as u64;
@@ -68,7 +119,7 @@ impl VolumeReader for NrrdReader {
                 }
             }
             Encoding::Text => {
-                stream::read_text_voxels(&mut BufReader::new(&mut source), element, pick, &data_path, progress)?
+                stream::read_text_voxels(&mut BufReader::new(&mut source), request, pick, &data_path, progress)?
             }
             Encoding::Hex => {
                 let mut bytes = HexBytes::new(&mut source);
@@ -78,8 +129,7 @@ impl VolumeReader for NrrdReader {
             }
         };
         source.finish(progress)?;
-        let format = if data_path == path { "NRRD" } else { "NRRD, detached header" };
-        Parts { path, grid, voxels, rescale: Rescale::IDENTITY, format, num_frames, warnings }.into_volume()
+        Ok((entry, voxels, warnings))
     }
 }
 

@@ -8,10 +8,11 @@ use std::str::FromStr;
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::stream::{self, ByteSource, ElementType, Endian, VoxelRequest};
-use super::{Parts, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of};
+use super::window::Averaging;
+use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of, volume_of};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::volume::{Rescale, Volume};
+use crate::volume::{Modality, Rescale, Volume};
 
 /// How the layout is written, for messages.
 pub(super) const EXAMPLE: &str =
@@ -128,42 +129,64 @@ impl VolumeReader for RawReader {
         false
     }
 
+    fn survey(&self, path: &Path, options: &ReadOptions, _progress: &Progress) -> Result<Vec<Entry>> {
+        Ok(vec![open(path, options)?.0])
+    }
+
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
-        let layout = options.raw.as_ref().ok_or_else(|| {
-            Error::file(path, "a raw file does not say how its voxels lie", format!("add the layout: {EXAMPLE}"))
-        })?;
+        let (entry, layout, mut source) = open(path, options)?;
         check_frame(path, options.frame, 1)?;
-        let size = stream::size_bytes(&layout.dims, layout.element).ok_or_else(|| absurd_size(path, &layout.dims))?;
-        // Raw voxels may begin with the two bytes of gzip by chance: the name has to agree.
-        let is_named_gzip = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
-        let mut source = if is_named_gzip { ByteSource::open(path)? } else { ByteSource::open_at(path, 0, false)? };
-        if !source.is_gzip() {
-            let length = std::fs::metadata(path).map_err(|e| Error::io(path, &e))?.len();
-            // A file that is too long was described wrongly as surely as one that is too short.
-            if length != size {
-                return Err(Error::file(
-                    path,
-                    format!("the raw layout needs {size} bytes, but the file has {length}"),
-                    "correct the sizes or the type of the layout",
-                ));
-            }
-        }
-        source.check_holds(size)?;
-        let center = DVec3::from_array(layout.dims.map(|n| (n - 1) as f64 / 2.0)) * layout.spacing_mm;
-        let world_from_index = DAffine3 { matrix3: DMat3::from_diagonal(layout.spacing_mm), translation: -center };
-        let grid = grid_of(path, layout.dims, world_from_index)?;
-        progress.begin("reading", size);
+        let window = options.window.on(path, entry.grid.dims())?;
+        progress.begin("reading", (entry.grid.num_voxels() * entry.bytes_per_voxel) as u64);
         let request = VoxelRequest {
             element: layout.element,
             endian: layout.endian,
-            count: grid.num_voxels(),
+            window,
+            averaging: Averaging::Mean,
             is_size_checked: !source.is_gzip(),
         };
         let voxels = stream::read_voxels(&mut source, request, path, progress)?;
         source.finish(progress)?;
-        Parts { path, grid, voxels, rescale: Rescale::IDENTITY, format: "raw", num_frames: 1, warnings: Vec::new() }
-            .into_volume()
+        volume_of(path, &entry, window, voxels, Rescale::IDENTITY, Vec::new())
     }
+}
+
+/// The file as its layout announces it, and its bytes.
+fn open<'a>(path: &Path, options: &'a ReadOptions) -> Result<(Entry, &'a RawLayout, ByteSource)> {
+    let layout = options.raw.as_ref().ok_or_else(|| {
+        Error::file(path, "a raw file does not say how its voxels lie", format!("add the layout: {EXAMPLE}"))
+    })?;
+    let size = stream::size_bytes(&layout.dims, layout.element).ok_or_else(|| absurd_size(path, &layout.dims))?;
+    // Raw voxels may begin with the two bytes of gzip by chance: the name has to agree.
+    let is_named_gzip = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
+    let source = if is_named_gzip { ByteSource::open(path)? } else { ByteSource::open_at(path, 0, false)? };
+    if !source.is_gzip() {
+        let length = std::fs::metadata(path).map_err(|e| Error::io(path, &e))?.len();
+        // A file that is too long was described wrongly as surely as one that is too short.
+        if length != size {
+            return Err(Error::file(
+                path,
+                format!("the raw layout needs {size} bytes, but the file has {length}"),
+                "correct the sizes or the type of the layout",
+            ));
+        }
+    }
+    source.check_holds(size)?;
+    let center = DVec3::from_array(layout.dims.map(|n| (n - 1) as f64 / 2.0)) * layout.spacing_mm;
+    let world_from_index = DAffine3 { matrix3: DMat3::from_diagonal(layout.spacing_mm), translation: -center };
+    let entry = Entry {
+        key: String::new(),
+        title: String::new(),
+        format: "raw".to_owned(),
+        modality: Modality::Unknown,
+        grid: grid_of(path, layout.dims, world_from_index)?,
+        type_name: layout.element.name(),
+        bytes_per_voxel: layout.element.num_bytes(),
+        num_frames: 1,
+        num_files: 1,
+        is_labels: false,
+    };
+    Ok((entry, layout, source))
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use std::str::FromStr;
 use bytemuck::Pod;
 use flate2::bufread::GzDecoder;
 
+use super::window::{Averaged, Averaging, Collector, OnGrid};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::volume::Voxels;
@@ -45,6 +46,22 @@ pub enum ElementType {
 }
 
 impl ElementType {
+    /// Its name as NumPy spells it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::U8 => "uint8",
+            Self::I8 => "int8",
+            Self::U16 => "uint16",
+            Self::I16 => "int16",
+            Self::U32 => "uint32",
+            Self::I32 => "int32",
+            Self::U64 => "uint64",
+            Self::I64 => "int64",
+            Self::F32 => "float32",
+            Self::F64 => "float64",
+        }
+    }
+
     /// Bytes of one number.
     pub fn num_bytes(self) -> usize {
         match self {
@@ -339,15 +356,17 @@ fn ends_early(path: &Path, got: u64, expected: u64, what: &str) -> Error {
     Error::file(path, format!("the file ends after {got} of {expected} bytes {what}"), "copy or download it again")
 }
 
-/// What to decode: `count` numbers of one type and byte order.
+/// What to decode: the numbers of one frame, of which a window is kept.
 #[derive(Clone, Copy, Debug)]
 pub struct VoxelRequest {
     /// Type of the stored numbers.
     pub element: ElementType,
     /// Their byte order.
     pub endian: Endian,
-    /// How many.
-    pub count: usize,
+    /// Size of the frame, and what is kept of it.
+    pub window: OnGrid,
+    /// How several voxels become one.
+    pub averaging: Averaging,
     /// Whether the size was checked against a plain file, so that the memory can be taken at once.
     pub is_size_checked: bool,
 }
@@ -371,35 +390,64 @@ pub fn read_voxels(reader: &mut impl Read, what: VoxelRequest, path: &Path, prog
     })
 }
 
-fn read_binary<T: Pod>(reader: &mut impl Read, what: VoxelRequest, path: &Path, progress: &Progress) -> Result<Vec<T>> {
+fn read_binary<T: Pod + Averaged>(
+    reader: &mut impl Read,
+    what: VoxelRequest,
+    path: &Path,
+    progress: &Progress,
+) -> Result<Vec<T>> {
+    let count = what.window.num_file_voxels();
+    if !what.window.is_whole() {
+        let mut collector = Collector::new(what.window, what.averaging, path);
+        let mut chunk = vec![T::zeroed(); count.min(CHUNK_BYTES / size_of::<T>())];
+        let mut done = 0;
+        while !collector.is_full() && done < count {
+            let n = chunk.len().min(count - done);
+            read_chunk(reader, &mut chunk[..n], done, what, path, progress)?;
+            collector.push(&chunk[..n])?;
+            done += n;
+        }
+        return Ok(collector.finish());
+    }
     let mut voxels = Vec::<T>::new();
     if what.is_size_checked {
-        reserve(&mut voxels, what.count, path)?;
+        reserve(&mut voxels, count, path)?;
     }
-    while voxels.len() < what.count {
+    while voxels.len() < count {
         let start = voxels.len();
-        let n = (what.count - start).min(CHUNK_BYTES / size_of::<T>());
-        grow(&mut voxels, n, what.count, path)?;
+        let n = (count - start).min(CHUNK_BYTES / size_of::<T>());
+        grow(&mut voxels, n, count, path)?;
         voxels.resize(start + n, T::zeroed());
-        let chunk = &mut voxels[start..];
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(chunk);
-        let wanted = bytes.len();
-        let got = read_full(reader, bytes).map_err(|e| decode_error(path, &e))?;
-        if got < wanted {
-            let size = size_of::<T>() as u64;
-            let done = start as u64 * size + got as u64;
-            return Err(ends_early(path, done, what.count as u64 * size, "of voxels"));
-        }
-        if !what.endian.is_native() {
-            swap_bytes(chunk);
-        }
-        progress.advance(got as u64)?;
+        read_chunk(reader, &mut voxels[start..], start, what, path, progress)?;
     }
     Ok(voxels)
 }
 
+/// Fills `chunk`, whose first voxel is number `start` of the frame.
+fn read_chunk<T: Pod>(
+    reader: &mut impl Read,
+    chunk: &mut [T],
+    start: usize,
+    what: VoxelRequest,
+    path: &Path,
+    progress: &Progress,
+) -> Result<()> {
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(chunk);
+    let wanted = bytes.len();
+    let got = read_full(reader, bytes).map_err(|e| decode_error(path, &e))?;
+    if got < wanted {
+        let size = size_of::<T>() as u64;
+        let done = start as u64 * size + got as u64;
+        return Err(ends_early(path, done, what.window.num_file_voxels() as u64 * size, "of voxels"));
+    }
+    if !what.endian.is_native() {
+        swap_bytes(chunk);
+    }
+    progress.advance(got as u64)
+}
+
 /// Makes room for `extra` more: doubling, but never beyond the `expected` total.
-fn grow<T>(voxels: &mut Vec<T>, extra: usize, expected: usize, path: &Path) -> Result<()> {
+pub(super) fn grow<T>(voxels: &mut Vec<T>, extra: usize, expected: usize, path: &Path) -> Result<()> {
     if voxels.capacity() - voxels.len() >= extra {
         return Ok(());
     }
@@ -409,7 +457,7 @@ fn grow<T>(voxels: &mut Vec<T>, extra: usize, expected: usize, path: &Path) -> R
     reserve(voxels, additional, path)
 }
 
-fn reserve<T>(voxels: &mut Vec<T>, additional: usize, path: &Path) -> Result<()> {
+pub(super) fn reserve<T>(voxels: &mut Vec<T>, additional: usize, path: &Path) -> Result<()> {
     voxels.try_reserve_exact(additional).map_err(|_| {
         let mebibytes = (voxels.len() + additional).saturating_mul(size_of::<T>()) >> 20;
         Error::file(
@@ -436,22 +484,22 @@ fn swap_bytes<T: Pod>(values: &mut [T]) {
 /// If a word is no number of the type, the text ends early, memory runs out, or the work is cancelled.
 pub fn read_text_voxels(
     reader: &mut impl BufRead,
-    element: ElementType,
+    what: VoxelRequest,
     pick: Pick,
     path: &Path,
     progress: &Progress,
 ) -> Result<Voxels> {
-    Ok(match element {
-        ElementType::U8 => Voxels::U8(read_text(reader, pick, path, progress)?),
-        ElementType::I8 => Voxels::I8(read_text(reader, pick, path, progress)?),
-        ElementType::U16 => Voxels::U16(read_text(reader, pick, path, progress)?),
-        ElementType::I16 => Voxels::I16(read_text(reader, pick, path, progress)?),
-        ElementType::U32 => Voxels::U32(read_text(reader, pick, path, progress)?),
-        ElementType::I32 => Voxels::I32(read_text(reader, pick, path, progress)?),
-        ElementType::U64 => Voxels::U64(read_text(reader, pick, path, progress)?),
-        ElementType::I64 => Voxels::I64(read_text(reader, pick, path, progress)?),
-        ElementType::F32 => Voxels::F32(read_text(reader, pick, path, progress)?),
-        ElementType::F64 => Voxels::F64(read_text(reader, pick, path, progress)?),
+    Ok(match what.element {
+        ElementType::U8 => Voxels::U8(read_text(reader, what, pick, path, progress)?),
+        ElementType::I8 => Voxels::I8(read_text(reader, what, pick, path, progress)?),
+        ElementType::U16 => Voxels::U16(read_text(reader, what, pick, path, progress)?),
+        ElementType::I16 => Voxels::I16(read_text(reader, what, pick, path, progress)?),
+        ElementType::U32 => Voxels::U32(read_text(reader, what, pick, path, progress)?),
+        ElementType::I32 => Voxels::I32(read_text(reader, what, pick, path, progress)?),
+        ElementType::U64 => Voxels::U64(read_text(reader, what, pick, path, progress)?),
+        ElementType::I64 => Voxels::I64(read_text(reader, what, pick, path, progress)?),
+        ElementType::F32 => Voxels::F32(read_text(reader, what, pick, path, progress)?),
+        ElementType::F64 => Voxels::F64(read_text(reader, what, pick, path, progress)?),
     })
 }
 
@@ -474,18 +522,19 @@ impl Pick {
     }
 }
 
-fn read_text<T: Pod + FromStr>(
+fn read_text<T: Pod + Averaged + FromStr>(
     reader: &mut impl BufRead,
+    what: VoxelRequest,
     pick: Pick,
     path: &Path,
     progress: &Progress,
 ) -> Result<Vec<T>> {
     /// Longer than any number that a writer prints.
     const MAX_WORD: usize = 512;
-    let mut voxels = Vec::<T>::new();
+    let mut voxels = Collector::<T>::new(what.window, what.averaging, path);
     let mut word = String::new();
-    let mut position = 0_u64;
-    while voxels.len() < pick.count {
+    let (mut position, mut num_taken) = (0_u64, 0);
+    while num_taken < pick.count {
         let buffer = reader.fill_buf().map_err(|e| decode_error(path, &e))?;
         let is_end = buffer.is_empty();
         // At the end of the file a blank closes the last word.
@@ -499,9 +548,9 @@ fn read_text<T: Pod + FromStr>(
                 }
             } else if !word.is_empty() {
                 if pick.takes(position) {
-                    grow(&mut voxels, 1, pick.count, path)?;
-                    voxels.push(word.parse().map_err(|_| not_a_number(path, &word, position))?);
-                    if voxels.len() == pick.count {
+                    voxels.push(&[word.parse().map_err(|_| not_a_number(path, &word, position))?])?;
+                    num_taken += 1;
+                    if num_taken == pick.count {
                         break;
                     }
                 }
@@ -515,14 +564,14 @@ fn read_text<T: Pod + FromStr>(
         reader.consume(num_read);
         progress.advance(num_read as u64)?;
     }
-    if voxels.len() < pick.count {
+    if num_taken < pick.count {
         return Err(Error::file(
             path,
-            format!("the text ends after {} of {} voxels", voxels.len(), pick.count),
+            format!("the text ends after {num_taken} of {} voxels", pick.count),
             "copy or download it again",
         ));
     }
-    Ok(voxels)
+    Ok(voxels.finish())
 }
 
 fn not_a_number(path: &Path, word: &str, position: u64) -> Error {
@@ -653,7 +702,9 @@ mod tests {
     use super::*;
 
     fn request(count: usize) -> VoxelRequest {
-        VoxelRequest { element: ElementType::U16, endian: Endian::Little, count, is_size_checked: false }
+        let window = super::super::window::Window::default().on(Path::new("a"), [count, 1, 1]).unwrap();
+        let (element, averaging) = (ElementType::U16, Averaging::Mean);
+        VoxelRequest { element, endian: Endian::Little, window, averaging, is_size_checked: false }
     }
 
     #[test]

@@ -346,7 +346,7 @@ pub fn read(path: &Path) -> Result<Volume> {
 }
 
 pub fn read_frame(path: &Path, frame: usize) -> Result<Volume> {
-    read_volume(path, &ReadOptions { frame, raw: None }, &Progress::new())
+    read_volume(path, &ReadOptions { frame, ..ReadOptions::default() }, &Progress::new())
 }
 
 /// Reads every truncation of a file and every change of one byte of its first `num_bytes`: none may panic, or take

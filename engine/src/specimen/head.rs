@@ -404,7 +404,11 @@ pub fn generate(resolution: usize, progress: &Progress) -> Result<Specimen> {
     let labels = LabelMap {
         grid,
         voxels: labels,
-        labels: TABLE.iter().zip(0..).map(|(&(name, color), id)| Label { id, name: name.to_owned(), color }).collect(),
+        labels: TABLE
+            .iter()
+            .zip(0..)
+            .map(|(&(name, color), id)| Label { id, name: name.to_owned(), color, code: None })
+            .collect(),
     };
     Ok(Specimen { volume, labels })
 }

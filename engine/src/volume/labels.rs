@@ -1,6 +1,10 @@
 //! Label maps: which structure each voxel belongs to, with the structures' names and colors.
 
+use std::collections::HashMap;
+
+use super::{Volume, Voxel as _};
 use crate::spaces::Grid;
+use crate::with_voxels;
 
 /// One structure of a label map.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -11,6 +15,8 @@ pub struct Label {
     pub name: String,
     /// sRGB color, for tables and as a first tint.
     pub color: [u8; 3],
+    /// What it is called in a terminology, as "SCHEME:CODE" ("SCT:10200004" for the liver), where the file says so.
+    pub code: Option<String>,
 }
 
 /// A partition of a grid into structures.
@@ -22,4 +28,58 @@ pub struct LabelMap {
     pub voxels: Vec<u16>,
     /// The structures; entry 0 is what belongs to none.
     pub labels: Vec<Label>,
+}
+
+impl LabelMap {
+    /// The numbers of an integer volume, its rescale applied, as structures that are called by them: "7". 0 is none of them.
+    ///
+    /// # Errors
+    /// A clause if a number is no integer from 0 to 2³² − 1, or if there are more than 65 535 of them.
+    pub fn from_volume(volume: &Volume) -> Result<Self, String> {
+        let mut position_of = HashMap::from([(0_u32, 0_u16)]);
+        let mut voxels = Vec::with_capacity(volume.grid.num_voxels());
+        with_voxels!(&volume.voxels, stored => {
+            // Neighbors are mostly alike.
+            let mut last = (f64::NAN, 0);
+            for number in stored.iter().map(|s| volume.rescale.value(s.to_f64())) {
+                if number != last.0 {
+                    let id = number as u32;
+                    if f64::from(id) != number {
+                        return Err(format!("a voxel is {number}, which numbers no structure"));
+                    }
+                    let next = position_of.len();
+                    let position = *position_of.entry(id).or_insert(next as u16);
+                    if next > usize::from(u16::MAX) {
+                        return Err("it has more than 65 535 different numbers: this is no label map".to_owned());
+                    }
+                    last = (number, position);
+                }
+                voxels.push(last.1);
+            }
+        });
+        let mut ids: Vec<(u32, u16)> = position_of.into_iter().collect();
+        ids.sort_unstable();
+        let mut order = vec![0; ids.len()];
+        ids.iter().zip(0..).for_each(|(&(_, found), sorted)| order[usize::from(found)] = sorted);
+        voxels.iter_mut().for_each(|v| *v = order[usize::from(*v)]);
+        let name = |id: u32| if id == 0 { "background".to_owned() } else { id.to_string() };
+        let label = |&(id, _): &(u32, u16)| Label { id, name: name(id), color: distinct_color(id), code: None };
+        Ok(Self { grid: volume.grid, voxels, labels: ids.iter().map(label).collect() })
+    }
+}
+
+/// A color for a structure of which only the number is known: neighboring numbers get hues far apart (the golden angle), in
+/// three steps of lightness; 0 is black.
+pub fn distinct_color(id: u32) -> [u8; 3] {
+    if id == 0 {
+        return [0; 3];
+    }
+    let hue = f64::from(id).mul_add(0.618_033_988_749_895, 0.05).fract() * 6.0;
+    let (value, saturation) = [(0.92, 0.55), (0.76, 0.62), (0.98, 0.38)][(id % 3) as usize];
+    let channel = |n: f64| {
+        let k = (n + hue) % 6.0;
+        let v: f64 = value - value * saturation * k.min(4.0 - k).clamp(0.0, 1.0);
+        (v * 255.0).round() as u8
+    };
+    [channel(5.0), channel(3.0), channel(1.0)]
 }

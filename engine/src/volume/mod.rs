@@ -15,6 +15,7 @@ use bricks::MinMaxBricks;
 use no_data::fill_no_data;
 use statistics::Statistics;
 
+use crate::color;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::spaces::Grid;
@@ -157,6 +158,10 @@ pub struct Volume {
     pub rescale: Rescale,
     /// What the data values mean.
     pub modality: Modality,
+    /// The color of every voxel, sRGB with straight alpha, of a volume of colors; `voxels` are then their linear luminances.
+    pub colors: Option<Vec<[u8; 4]>>,
+    /// How the file describes it ("Abdomen 5.0"); may be empty.
+    pub description: String,
     /// The file format it came from ("NIfTI-1", "specimen").
     pub format: String,
     /// The file or folder it came from, if any.
@@ -193,12 +198,27 @@ impl Volume {
             voxels,
             rescale,
             modality: Modality::Unknown,
+            colors: None,
+            description: String::new(),
             format: format.to_owned(),
             source: None,
             num_frames: 1,
             warnings: Vec::new(),
             derived: Derived::default(),
         })
+    }
+
+    /// A volume of colors, sRGB with straight alpha: its values are their linear luminances, 0 to 1 (Rec. 709 weights), in
+    /// steps of 1/65535, which the adapter keeps exactly.
+    ///
+    /// # Errors
+    /// As [`Volume::new`].
+    pub fn from_colors(grid: Grid, colors: Vec<[u8; 4]>, format: &str) -> std::result::Result<Self, String> {
+        let luminances =
+            colors.iter().map(|c| (color::luminance_of_srgb8([c[0], c[1], c[2]]) * 65535.0).round() as u16);
+        let rescale = Rescale { slope: 1.0 / 65535.0, intercept: 0.0 };
+        let volume = Self::new(grid, Voxels::U16(luminances.collect()), rescale, format)?;
+        Ok(Self { colors: Some(colors), ..volume })
     }
 
     /// Data value at a voxel (NaN and ±Inf as stored).
@@ -238,8 +258,8 @@ impl Volume {
         self.derived.statistics.get()
     }
 
-    /// Decoded size in bytes, in the stored type.
+    /// Decoded size in bytes: voxels in the stored type, and colors.
     pub fn num_bytes(&self) -> usize {
-        self.voxels.len() * self.voxels.bytes_per_voxel()
+        self.voxels.len() * (self.voxels.bytes_per_voxel() + self.colors.as_ref().map_or(0, |_| 4))
     }
 }

@@ -89,7 +89,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         VolumeSource::parse(&arguments.file_or_dir, Path::new("")).map_err(|e| UsageError::because(e.to_string()))?;
     let progress = Progress::new();
     let bar = Bar::watch(&progress);
-    let options = ReadOptions { frame: arguments.frame, raw: arguments.raw.clone() };
+    let options = ReadOptions { frame: arguments.frame, raw: arguments.raw.clone(), ..ReadOptions::default() };
     let volume = source.load(&options, &progress)?;
     let mut report = report(&volume, volume.statistics(&progress)?);
     if let VolumeSource::Specimen { name, resolution } = &source {

@@ -37,7 +37,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .raw
         .as_deref()
         .map(|text| text.parse().map_err(|e| UsageError::because(format!("--raw {text}: {e}"))));
-    let options = ReadOptions { raw: raw.transpose()?, frame: arguments.frame };
+    let options = ReadOptions { raw: raw.transpose()?, frame: arguments.frame, ..ReadOptions::default() };
     let progress = Progress::new();
     let _bar = Bar::watch(&progress);
 
