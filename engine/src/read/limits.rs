@@ -178,7 +178,7 @@ mod tests {
         let share = |n: u64| Limits { bytes: Some(whole.total() / n), edge: None };
         assert_eq!(fit(share(1), &scan), [1, 1, 1]);
         assert_eq!(fit(share(4), &scan), [2, 2, 1]);
-        assert_eq!(fit(share(9), &scan), [4, 3, 1]);
+        assert_eq!(fit(share(9), &scan), [3, 3, 1]);
         assert_eq!(fit(Limits { bytes: None, edge: Some(2048) }, &entry([5000, 300, 300], [1.0; 3])), [3, 1, 1]);
         // Nothing admits anything, and the search ends all the same.
         assert!(fit(Limits { bytes: Some(1), edge: Some(0) }, &entry([7, 5, 3], [1.0; 3])) >= [5, 3, 2]);

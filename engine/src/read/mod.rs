@@ -483,7 +483,7 @@ mod tests {
             "{sentence}"
         );
         let fitting = ReadOptions { window: fault.fitting, ..options };
-        assert_eq!(read_volume(&path, &fitting, &Progress::new()).unwrap().grid.num_voxels(), 12);
+        assert_eq!(read_volume(&path, &fitting, &Progress::new()).unwrap().grid.num_voxels(), 24);
     }
 
     #[test]
