@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::read::Entry;
 use crate::read::limits::TooLarge;
+use crate::read::raw::{self, RawLayout};
 
 /// Result of an engine call.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -30,6 +31,14 @@ pub enum Error {
         path: PathBuf,
         /// What there is.
         entries: Vec<Entry>,
+    },
+    /// Plain voxels whose layout was not given.
+    #[error("a raw file does not say how its voxels lie; {} ({})", layout_remedy(guess.as_deref()), path.display())]
+    NeedsLayout {
+        /// Where.
+        path: PathBuf,
+        /// What name and size of the file speak of.
+        guess: Option<Box<RawLayout>>,
     },
     /// A volume takes more than it may.
     #[error("{0}")]
@@ -63,6 +72,13 @@ fn in_words(entries: &[Entry]) -> String {
         words.push("...".to_owned());
     }
     words.join("; ")
+}
+
+fn layout_remedy(guess: Option<&RawLayout>) -> String {
+    match guess {
+        Some(layout) => format!("add the layout, by its name and size: --raw {layout}"),
+        None => format!("add the layout: {}", raw::EXAMPLE),
+    }
 }
 
 impl Error {

@@ -3,17 +3,16 @@
 use std::path::Path;
 
 use anyhow::Result;
-use fabrica_engine::Progress;
-use fabrica_engine::read::ReadOptions;
-use fabrica_engine::read::raw::RawLayout;
+use fabrica_engine::read;
 use fabrica_engine::specimen;
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::labels::{Label, LabelMap};
 use fabrica_engine::volume::statistics::Statistics;
+use fabrica_engine::{Error, Progress};
 use serde::Serialize;
 
 use super::progress_bar::Bar;
-use super::{UsageError, print_line};
+use super::{UsageError, print_line, reading, survey};
 use crate::figure::source::VolumeSource;
 
 #[derive(clap::Args, Debug)]
@@ -23,12 +22,11 @@ pub struct Arguments {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-    /// Layout of a raw file: DIMSxTYPE[,spacing][,endian], as in 256x256x128xuint8,1x1x1,little.
-    #[arg(long, value_name = "LAYOUT")]
-    raw: Option<RawLayout>,
-    /// Frame, from 0, of a 4-D file.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    frame: usize,
+    #[command(flatten)]
+    reading: reading::Arguments,
+    /// Only list the volumes that there are, and what they take, without reading them.
+    #[arg(long)]
+    list: bool,
 }
 
 /// What `--json` prints.
@@ -89,8 +87,23 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         VolumeSource::parse(&arguments.file_or_dir, Path::new("")).map_err(|e| UsageError::because(e.to_string()))?;
     let progress = Progress::new();
     let bar = Bar::watch(&progress);
-    let options = ReadOptions { frame: arguments.frame, raw: arguments.raw.clone(), ..ReadOptions::default() };
-    let volume = source.load(&options, &progress)?;
+    let options = arguments.reading.options();
+    if let (true, VolumeSource::Path(path)) = (arguments.list, &source) {
+        let entries = read::survey(path, &options, &progress)?;
+        drop(bar);
+        return survey::print(&entries, arguments.json);
+    }
+    let volume = match source.load(&options, &progress) {
+        // Who asks what is there gets to see it.
+        Err(error) => match error.downcast_ref() {
+            Some(Error::Several { entries, .. }) => {
+                drop(bar);
+                return survey::print(entries, arguments.json);
+            }
+            _ => return Err(error),
+        },
+        Ok(volume) => volume,
+    };
     let mut report = report(&volume, volume.statistics(&progress)?);
     if let VolumeSource::Specimen { name, resolution } = &source {
         // The cache holds the volume only; its label map comes from making it.

@@ -129,9 +129,11 @@ fn dress(mut figure: Template, from: &Path, others: &[&PathBuf], progress: &Prog
 /// One sentence if the path is not UTF-8.
 pub fn slot_for(slot: &VolumeSlot, path: &Path) -> Result<VolumeSlot> {
     let old = Path::new(&slot.file);
-    let frame = if old.file_name() == path.file_name() { slot.frame } else { 0 };
+    if old.file_name() == path.file_name() {
+        return Ok(VolumeSlot { file: file_name(path)?, ..slot.clone() });
+    }
     let raw = slot.raw.clone().filter(|_| old.extension() == path.extension());
-    Ok(VolumeSlot { file: file_name(path)?, frame, raw, ..slot.clone() })
+    Ok(VolumeSlot { raw, ..VolumeSlot::new(&slot.name, file_name(path)?) })
 }
 
 /// Reads the volume of a slot.
@@ -145,7 +147,7 @@ pub fn load_slot(slot: &VolumeSlot, folder: &Path, progress: &Progress) -> Resul
 fn undressed(path: &Path, progress: &Progress) -> Result<Loaded> {
     let file = file_name(path)?;
     let volume = VolumeSource::parse(&file, Path::new(""))?.load(&ReadOptions::default(), progress)?;
-    let figure = first_look(&volume, first_look::slot(file), progress)?;
+    let figure = first_look(&volume, VolumeSlot::new(first_look::SLOT, file), progress)?;
     let notes = volume.warnings.clone();
     Ok(Loaded { figure, path: None, volumes: counted(vec![volume], progress)?, notes })
 }

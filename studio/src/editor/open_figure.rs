@@ -64,8 +64,7 @@ impl OpenFigure {
 
     /// The volume of a slot, if it was read.
     pub fn volume_of(&self, slot: &VolumeSlot) -> Option<&Arc<Volume>> {
-        let same = |a: &VolumeSlot| a.file == slot.file && a.frame == slot.frame && a.raw == slot.raw;
-        self.volumes.iter().find(|(read, _)| same(read)).map(|(_, volume)| volume)
+        self.volumes.iter().find(|(read, _)| read.reads_same(slot)).map(|(_, volume)| volume)
     }
 
     /// Keeps a volume for a slot.

@@ -65,10 +65,8 @@ pub fn load_volumes(
 /// # Errors
 /// One sentence.
 pub fn load_slot(slot: &VolumeSlot, folder: &Path, progress: &Progress) -> Result<Arc<Volume>> {
-    let raw = slot.raw.as_deref().map(str::parse).transpose();
-    let raw = raw.map_err(|e| anyhow::anyhow!("the raw layout of the volume \"{}\": {e}", slot.name))?;
     VolumeSource::parse(&slot.file, folder)?
-        .load(&ReadOptions { frame: slot.frame, raw, ..ReadOptions::default() }, progress)
+        .load(&slot.options()?, progress)
         .with_context(|| format!("the template's volume \"{}\" cannot be loaded", slot.name))
 }
 
