@@ -204,6 +204,13 @@ fn faults_are_one_sentence_and_leave_nothing() {
         (vec!["inspect", "block.raw"], 1, "--raw"),
         (vec!["inspect", "block.raw", "--raw", "9x9x9xuint8"], 1, "512"),
         (vec!["inspect", "block.raw", "--raw", "nonsense"], 2, "nonsense"),
+        (
+            vec!["inspect", "block.raw", "--raw", "8x8x8xuint8", "--crop", "0:9x0:8x0:8"],
+            1,
+            "no part of the volume's 0..8",
+        ),
+        (vec!["inspect", "block.raw", "--raw", "8x8x8xuint8", "--memory", "1e-6"], 1, "--reduce 2x2x1"),
+        (vec!["inspect", "block.raw", "--reduce", "0"], 2, "2x2x1"),
         (vec!["measure", "nowhere.json"], 1, "nowhere.json"),
         (vec!["measure", "figure.json", "--plot", "a.pdf"], 2, ".svg or .png"),
         (vec!["measure", "figure.json", "--plot", "no/such/a.svg"], 1, "create it first"),
@@ -247,6 +254,18 @@ fn inspect_schema_and_adapters_speak_json() {
     let specimen = json(&["inspect", "specimen:head@32", "--json"]);
     assert_eq!(specimen["modality"], "ct");
     assert!(specimen["structures"].to_string().contains("skull"));
+    let part = ["--raw", "8x8x8xuint8", "--crop", "0:4x0:8x0:8", "--reduce", "2"];
+    let part = json(&[&["inspect", "block.raw", "--json"], &part[..]].concat());
+    assert_eq!(
+        (&part["dims"], &part["spacing_mm"]),
+        (&serde_json::json!([2, 4, 4]), &serde_json::json!([2.0, 2.0, 2.0]))
+    );
+    assert!(part["warnings"].to_string().contains("2 x 4 x 4 were loaded (a part, reduced)"));
+    let list = json(&["inspect", "block.raw", "--raw", "8x8x8xuint8", "--list", "--json"]);
+    assert_eq!(
+        (&list[0]["number"], &list[0]["bytes"], &list[0]["adapter_bytes"]),
+        (&1.into(), &512.into(), &3072.into())
+    );
     let schema = json(&["schema"]);
     assert!(schema["properties"]["objects"].is_object() && schema["required"].to_string().contains("fabrica"));
     assert!(json(&["styles", "--json"]).as_array().unwrap().len() >= 8);
@@ -270,6 +289,10 @@ fn help_names_every_option() {
                 "--volume",
                 "--raw",
                 "--frame",
+                "--series",
+                "--crop",
+                "--reduce",
+                "--memory",
                 "--size",
                 "--dpi",
                 "--background",
@@ -280,8 +303,11 @@ fn help_names_every_option() {
                 "--budget-ms",
             ],
         ),
-        (vec!["inspect", "--help"], vec!["--json", "--raw"]),
-        (vec!["template", "--help"], vec!["--raw", "--frame", "--out"]),
+        (
+            vec!["inspect", "--help"],
+            vec!["--json", "--raw", "--series", "--frame", "--crop", "--reduce", "--memory", "--list"],
+        ),
+        (vec!["template", "--help"], vec!["--raw", "--series", "--frame", "--crop", "--reduce", "--memory", "--out"]),
         (
             vec!["measure", "--help"],
             vec!["--volume", "--raw", "--frame", "--size", "--frames", "--adapter", "--json", "--plot"],

@@ -195,6 +195,11 @@ pub fn choose<'a>(path: &Path, entries: &'a [Entry], series: Option<&str>) -> Re
     }
 }
 
+/// The last parts of the names of files that can be read, for dialogs; DICOM files have any, or none.
+pub fn extensions() -> Vec<&'static str> {
+    READERS.iter().flat_map(|reader| reader.extensions()).copied().chain(["gz"]).collect()
+}
+
 /// Lists the volumes of a file or folder without reading them.
 ///
 /// # Errors
