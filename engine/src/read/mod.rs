@@ -5,6 +5,7 @@
 //! header that shall get its own sentence). Every reader delivers RAS millimeters, voxels in the stored type,
 //! and checks sizes against the file before it allocates.
 
+pub mod label_table;
 pub mod nifti;
 pub mod nrrd;
 pub mod raw;

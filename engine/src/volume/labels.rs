@@ -1,6 +1,10 @@
 //! Label maps: which structure each voxel belongs to, with the structures' names and colors.
 
+mod table;
+
 use std::collections::HashMap;
+
+pub use table::{LabelTable, LabelTableEntry};
 
 use super::{Volume, Voxel as _};
 use crate::spaces::Grid;
@@ -15,7 +19,8 @@ pub struct Label {
     pub name: String,
     /// sRGB color, for tables and as a first tint.
     pub color: [u8; 3],
-    /// What it is called in a terminology, as "SCHEME:CODE" ("SCT:10200004" for the liver), where the file says so.
+    /// What it is called in a terminology, as "SCHEME:CODE" ("SCT:10200004" for the liver), where the file says so; with
+    /// what tells it from others of its type, as "SCT:64033007+SCT:7771000" for a left kidney.
     pub code: Option<String>,
 }
 
