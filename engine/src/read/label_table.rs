@@ -4,8 +4,11 @@
 //! The kind is decided by content: people rename these files as they like, and `.txt` is any of four of them. Opacities
 //! are read past in all of them: FreeSurfer writes 0 for "opaque", ITK-SNAP 0 to 1 or, by some writers, to 255.
 
+mod caret;
 mod delimited;
 mod json;
+
+pub(super) use caret::parse as parse_caret;
 
 use std::fs::File;
 use std::io::Read as _;
@@ -20,6 +23,8 @@ const MAX_BYTES: u64 = 16 << 20;
 /// More entries than any atlas has.
 const MAX_ENTRIES: usize = 1 << 18;
 
+const FREESURFER: &str = "FreeSurfer color table";
+
 const FORMATS: &str = "3D Slicer (.ctbl, .csv), ITK-SNAP, FreeSurfer, JSON, or columns `id` and `name`";
 
 /// Reads a table of any known kind. Where a number comes twice, the last line counts, and a note says so.
@@ -29,7 +34,7 @@ const FORMATS: &str = "3D Slicer (.ctbl, .csv), ITK-SNAP, FreeSurfer, JSON, or c
 /// no entry, or has a line that makes no sense (with its number).
 pub fn read_label_table(path: &Path) -> Result<LabelTable> {
     let text = text_of(path)?;
-    let mut table = Builder { path, table: LabelTable::default(), colors: Vec::new(), repeated: Vec::new() };
+    let mut table = Builder::new(path, "");
     parse(&text, &mut table)?;
     table.finish()
 }
@@ -105,9 +110,9 @@ fn parse(text: &str, table: &mut Builder<'_>) -> Result<()> {
 /// Who writes lines of number, name, color.
 #[derive(Clone, Copy, PartialEq)]
 enum Writer {
-    /// `index name R G B A`, the blanks in names being underscores, opacities from 0 to 255.
+    /// `index name R G B A`, opacities from 0 to 255.
     Slicer,
-    /// `id name R G B A`, at times with a column for the tissue; underscores are part of the names.
+    /// `id name R G B A`, at times with a column for the tissue.
     FreeSurfer,
 }
 
@@ -154,13 +159,12 @@ fn parse_named(lines: &[(usize, &str)], writer: Option<Writer>, table: &mut Buil
     });
     table.table.format = match writer {
         Writer::Slicer => "3D Slicer color table",
-        Writer::FreeSurfer => "FreeSurfer color table",
+        Writer::FreeSurfer => FREESURFER,
     };
     for &(number, line) in lines {
         let Some(NamedLine { id, name, color, .. }) = named_line(line, writer) else {
             return Err(bad_line(table.path, number, line, "is not `id name R G B A`"));
         };
-        let name = if writer == Writer::Slicer { name.replace('_', " ") } else { name };
         let color = color.map(|c| parse_color(c, table.path, number, line)).transpose()?;
         let id = parse_id(id).ok_or_else(|| bad_line(table.path, number, line, "does not begin with a number"))?;
         table.add(id, Some(name), color, None)?;
@@ -229,6 +233,12 @@ fn parse_hex_color(text: &str) -> Option<[f64; 3]> {
     Some([16, 8, 0].map(|shift| f64::from(code >> shift & 255)))
 }
 
+/// A name as people write it: underscores stand for blanks where programs do not allow them. One program's table, folder of
+/// masks and label map give one name to a structure, then.
+pub(super) fn readable(name: &str) -> String {
+    name.replace('_', " ").trim().to_owned()
+}
+
 fn bad_line(path: &Path, number: usize, line: &str, what: &str) -> Error {
     let shown: String = line.chars().filter(|c| !c.is_control()).take(40).collect();
     Error::file(path, format!("line {number} of the table, `{shown}`, {what}"), "correct or remove it")
@@ -258,7 +268,11 @@ struct Builder<'a> {
     repeated: Vec<u32>,
 }
 
-impl Builder<'_> {
+impl<'a> Builder<'a> {
+    fn new(path: &'a Path, format: &'static str) -> Self {
+        Self { path, table: LabelTable { format, ..LabelTable::default() }, colors: Vec::new(), repeated: Vec::new() }
+    }
+
     fn add(&mut self, id: u32, name: Option<String>, color: Option<[f64; 3]>, code: Option<String>) -> Result<()> {
         let name = name.map(|n| n.trim().to_owned()).filter(|n| !n.is_empty());
         if self.table.entries.insert(id, LabelTableEntry { name, color: None, code }).is_some() {
@@ -282,6 +296,10 @@ impl Builder<'_> {
             if let Some(entry) = self.table.entries.get_mut(id) {
                 entry.color = Some(color.map(|c| (c * scale).round() as u8));
             }
+        }
+        // FreeSurfer's names are identifiers that its users know.
+        if self.table.format != FREESURFER {
+            self.table.entries.values_mut().for_each(|e| e.name = e.name.as_deref().map(readable));
         }
         self.repeated.sort_unstable();
         self.repeated.dedup();

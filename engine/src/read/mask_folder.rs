@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
+use super::label_table::readable;
 use super::window::Window;
 use super::{Entry, ReadOptions, VolumeReader, check_frame, has_extension, reader_for, volume_of, window_labels};
 use crate::error::{Error, Result};
@@ -282,7 +283,7 @@ fn no_choice(folder: &Path, what: &str, entries: &[Entry]) -> Error {
 /// compressed masks are, and of the largest of the others: where that is a mask, the smaller ones are, too.
 /// [`Mask::read`] looks at all of their voxels.
 fn are_masks(members: &[Member], progress: &Progress) -> Result<Vec<Result<bool>>> {
-    let can_be = |e: &Entry| !e.is_labels && e.num_frames == 1 && !e.type_name.starts_with("rgb");
+    let can_be = |e: &Entry| e.num_frames == 1 && !e.type_name.starts_with("rgb");
     let density = |m: &Member| {
         // The voxels of a detached header lie in a file of which nothing is known here.
         let is_alone = m.entry.num_files == 1 && !has_extension(&m.path, "mhd");
@@ -398,7 +399,7 @@ fn stem_of(name: &str) -> String {
     let without = |name: &str, ending: &str| name.len() - if name.ends_with(ending) { ending.len() } else { 0 };
     let mut end = without(&lower, ".gz");
     end = EXTENSIONS.iter().map(|e| without(&lower[..end], &format!(".{e}"))).min().unwrap_or(end);
-    name.get(..end).unwrap_or(name).replace('_', " ")
+    readable(name.get(..end).unwrap_or(name))
 }
 
 /// Names in the order in which people count: "rib 2" before "rib 10".

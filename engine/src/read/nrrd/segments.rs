@@ -13,7 +13,7 @@ use std::path::Path;
 use super::{Encoding, Opened};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::read::label_table::code_of;
+use crate::read::label_table::{code_of, readable};
 use crate::read::stream::{self, HexBytes, VoxelRequest};
 use crate::read::window::{Averaging, Window};
 use crate::volume::labels::{Label, LabelMap, LayerBuilder, background, distinct_color, numbered};
@@ -61,7 +61,7 @@ fn segments(keys: &[(String, String)]) -> BTreeMap<u32, Segment> {
         let Some((number, field)) = number_and_field(key) else { continue };
         let segment = segments.entry(number).or_default();
         let value = value.trim();
-        let text = || Some(value.replace("\\n", " ").replace("\\\\", "\\")).filter(|t| !t.is_empty());
+        let text = || Some(readable(&value.replace("\\n", " ").replace("\\\\", "\\"))).filter(|t| !t.is_empty());
         match field {
             "Name" => segment.name = text(),
             "ID" => segment.id = text(),

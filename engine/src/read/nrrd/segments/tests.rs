@@ -59,7 +59,7 @@ fn layers_names_colors_and_codes() {
     ] {
         let layers = read(&overlapping(encoding, &data)).unwrap();
         assert_eq!(layers.len(), 2, "{encoding}");
-        assert_eq!(names(&layers[0]), [(0, "background"), (1, "Head: outside"), (7, "Segment_3"), (9, "9")]);
+        assert_eq!(names(&layers[0]), [(0, "background"), (1, "Head: outside"), (7, "Segment 3"), (9, "9")]);
         assert_eq!(layers[0].voxels, [0, 1, 1, 2, 0, 3]);
         assert_eq!(names(&layers[1]), [(0, "background"), (1, "Mass")]);
         assert_eq!(layers[1].voxels, [0, 0, 1, 1, 0, 1]);
