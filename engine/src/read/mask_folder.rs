@@ -399,7 +399,8 @@ fn stem_of(name: &str) -> String {
     let without = |name: &str, ending: &str| name.len() - if name.ends_with(ending) { ending.len() } else { 0 };
     let mut end = without(&lower, ".gz");
     end = EXTENSIONS.iter().map(|e| without(&lower[..end], &format!(".{e}"))).min().unwrap_or(end);
-    readable(name.get(..end).unwrap_or(name))
+    let stem = name.get(..end).unwrap_or(name);
+    readable(stem.strip_suffix(".seg").unwrap_or(stem))
 }
 
 /// Names in the order in which people count: "rib 2" before "rib 10".

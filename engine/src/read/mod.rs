@@ -181,8 +181,8 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
         ));
     }
     READERS.iter().copied().find(|r| r.extensions().iter().any(|e| has_extension(path, e))).ok_or_else(|| {
-        let formats: Vec<_> =
-            READERS.iter().map(|r| format!("{} (.{})", r.name(), r.extensions().join(", ."))).collect();
+        let of_files = READERS.iter().filter(|r| !r.extensions().is_empty());
+        let formats: Vec<_> = of_files.map(|r| format!("{} (.{})", r.name(), r.extensions().join(", ."))).collect();
         Error::file(
             path,
             format!("this is no volume in a format that Fabrica reads: {}", formats.join(", ")),

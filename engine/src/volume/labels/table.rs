@@ -49,8 +49,10 @@ impl LabelMap {
             }
         }
         let num_structures = self.labels.len().saturating_sub(1);
+        let verb = if missing.len() == 1 { "is" } else { "are" };
         (!missing.is_empty()).then(|| {
-            format!("Of {num_structures} structures, {} are not in the table: {}.", missing.len(), listed(&missing))
+            let n = missing.len();
+            format!("Of {num_structures} structures, {n} {verb} not in the table: {}.", listed(&missing))
         })
     }
 }

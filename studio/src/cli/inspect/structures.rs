@@ -31,15 +31,10 @@ pub struct Listing {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     structures: Vec<Structure>,
     /// Label maps that the structures lie in; more than one where structures overlap.
-    #[serde(skip_serializing_if = "is_zero")]
-    num_label_layers: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    num_label_layers: Option<usize>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     label_notes: Vec<String>,
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
-fn is_zero(n: &usize) -> bool {
-    *n == 0
 }
 
 #[derive(Serialize)]
@@ -111,15 +106,16 @@ impl Listing {
             let means = if has_scan { layer.means(volume).unwrap_or_default() } else { Vec::new() };
             structures.extend(structures_of(i, layer, &means));
         }
-        Ok(Self { structures, num_label_layers: layers.len(), label_notes: notes })
+        Ok(Self { structures, num_label_layers: Some(layers.len()), label_notes: notes })
     }
 
     /// Lines for people: structures by size, the empty ones by name, notes.
     pub fn in_words(&self) -> Vec<String> {
         let mut lines = Vec::new();
+        let num_layers = self.num_label_layers.unwrap_or(1);
         let (used, empty): (Vec<_>, Vec<_>) = self.structures.iter().partition(|s| s.num_voxels > 0);
         if !self.structures.is_empty() {
-            let layers = match self.num_label_layers {
+            let layers = match num_layers {
                 1 => String::new(),
                 n => format!(" in {n} layers, as they overlap"),
             };
@@ -136,7 +132,7 @@ impl Listing {
             let head = |word: &'static str, is_shown: bool| if is_shown { word } else { "" };
             lines.push(row("id", "name", "color", "ml", "voxels", head("mean", has_means), head("code", has_codes)));
             lines.extend(used.iter().map(|s| {
-                let id = if self.num_label_layers > 1 { format!("{}:{}", s.layer, s.id) } else { s.id.to_string() };
+                let id = if num_layers > 1 { format!("{}:{}", s.layer, s.id) } else { s.id.to_string() };
                 let mean = s.mean.map(short).unwrap_or_default();
                 let ml = format!("{:.*}", if s.volume_ml < 1.0 { 3 } else { 1 }, s.volume_ml);
                 let code = s.code.as_deref().map(printable).unwrap_or_default();

@@ -104,7 +104,7 @@ fn a_segmentation_of_one_layer_is_a_label_map_and_a_volume() {
     assert_eq!((layers.len(), layers[0].voxels.as_slice()), (1, &[0, 1, 2, 2, 1, 0][..]));
     // Of voxels that become one, the label of the middle.
     let window = Window { crop: Some([[0, 3], [1, 2], [0, 1]]), reduce: [3, 1, 1] };
-    let layers = read_labels(&path, &ReadOptions { window, ..options.clone() }, &progress).unwrap();
+    let layers = read_labels(&path, &ReadOptions { window, ..options }, &progress).unwrap();
     assert_eq!((layers[0].grid.dims(), layers[0].voxels.as_slice()), ([1, 1, 1], &[1][..]));
     assert!(layers[0].notes.iter().any(|n| n.contains("were loaded")), "{:?}", layers[0].notes);
 }
