@@ -276,6 +276,52 @@ fn inspect_schema_and_adapters_speak_json() {
 }
 
 #[test]
+fn inspect_lists_the_structures_of_label_maps() {
+    let place = Place::new();
+    // 4 x 1 x 1 voxels of 10 mm: nothing, 1, 1, 2; and another two, further on.
+    let segmentation = |origin: &str| {
+        format!(
+            "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 1 1\nspace: RAS\nspace directions: (10,0,0) (0,10,0) (0,0,10)\n\
+             space origin: ({origin},0,0)\nencoding: ascii\nSegment0_Name:=left\u{1b} lung\nSegment0_LabelValue:=1\n\
+             Segment0_Color:=1 0 0.5\nSegment1_Name:=heart\nSegment1_LabelValue:=2\nSegment2_Name:=spleen\n\
+             Segment2_LabelValue:=3\n\n0 1 1 2\n"
+        )
+    };
+    std::fs::write(place.path("a.seg.nrrd"), segmentation("0")).unwrap();
+    std::fs::write(place.path("part.seg.nrrd"), segmentation("20")).unwrap();
+    std::fs::write(place.path("far.seg.nrrd"), segmentation("900")).unwrap();
+    std::fs::write(place.path("table.txt"), "1 Lung 10 20 30 0\n2 Heart 40 50 60 0\n").unwrap();
+    std::fs::write(place.path("scan.raw"), [100, 50, 70, 200]).unwrap();
+    let scan = ["inspect", "scan.raw", "--raw", "4x1x1xuint8,10x10x10"];
+    let json = |more: &[&str]| -> serde_json::Value {
+        let output = place.run(&[&scan[..], more, &["--json"]].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    assert!(json(&[]).get("structures").is_none());
+    let report = json(&["--labels", "a.seg.nrrd"]);
+    let lung = &report["structures"][0];
+    assert_eq!((&lung["id"], &lung["color"], &lung["num_voxels"]), (&1.into(), &"#ff0080".into(), &2.into()));
+    assert_eq!((&lung["mean"], &lung["volume_ml"]), (&60.0.into(), &2.0.into()));
+    assert_eq!(report["structures"][2]["num_voxels"], 0);
+    let report = json(&["--labels", "part.seg.nrrd", "--label-table", "table.txt"]);
+    assert_eq!(report["structures"][0]["name"], "Lung");
+    assert_eq!(report["structures"][0]["color"], "#0a141e");
+    let notes = report["label_notes"].to_string();
+    assert!(notes.contains("Of 3 structures, 1 is not in the table: 3.") && notes.contains("66.7 %"), "{notes}");
+    assert!(
+        place.fails(&[&scan[..], &["--labels", "far.seg.nrrd"]].concat(), 1).contains("the label map lies elsewhere")
+    );
+    assert!(place.fails(&[&scan[..], &["--label-table", "scan.raw"]].concat(), 1).contains("no table of labels"));
+    // A label map alone, by what it says of itself and by what is said of it.
+    for arguments in [&["inspect", "a.seg.nrrd"][..], &["inspect", "a.seg.nrrd", "--labels"]] {
+        let words = String::from_utf8(place.run(arguments).stdout).unwrap();
+        assert!(words.contains("structures  2") && words.contains("empty       1: spleen"), "{words}");
+        assert!(words.contains("left  lung") && !words.contains('\u{1b}'), "{words}");
+    }
+}
+
+#[test]
 fn help_names_every_option() {
     let place = Place::new();
     for (command, words) in [
@@ -305,7 +351,18 @@ fn help_names_every_option() {
         ),
         (
             vec!["inspect", "--help"],
-            vec!["--json", "--raw", "--series", "--frame", "--crop", "--reduce", "--memory", "--list"],
+            vec![
+                "--json",
+                "--raw",
+                "--series",
+                "--frame",
+                "--crop",
+                "--reduce",
+                "--memory",
+                "--list",
+                "--labels",
+                "--label-table",
+            ],
         ),
         (vec!["template", "--help"], vec!["--raw", "--series", "--frame", "--crop", "--reduce", "--memory", "--out"]),
         (

@@ -5,7 +5,9 @@
 //! header that shall get its own sentence). Every reader delivers RAS millimeters, voxels in the stored type,
 //! and checks sizes against the file before it allocates.
 
+pub mod label_table;
 pub mod limits;
+pub mod mask_folder;
 pub mod nifti;
 pub mod nrrd;
 pub mod raw;
@@ -121,9 +123,7 @@ pub trait VolumeReader: Sync {
     /// # Errors
     /// As [`VolumeReader::read`], and for voxels that are no integers.
     fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
-        let volume = self.read(path, options, progress)?;
-        let remedy = "open it as a volume, or save it with an integer type";
-        Ok(vec![LabelMap::from_volume(&volume).map_err(|what| Error::file(path, what, remedy))?])
+        numbers_as_labels(self, path, options, progress)
     }
 }
 
@@ -131,7 +131,8 @@ pub trait VolumeReader: Sync {
 pub const HEAD_BYTES: usize = 4096;
 
 /// The formats, asked in this order.
-static READERS: [&dyn VolumeReader; 3] = [&nifti::NiftiReader, &nrrd::NrrdReader, &raw::RawReader];
+static READERS: [&dyn VolumeReader; 4] =
+    [&nifti::NiftiReader, &nrrd::NrrdReader, &mask_folder::FolderReader, &raw::RawReader];
 
 /// Reads a volume from a file or folder of any known format.
 ///
@@ -254,8 +255,8 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
         ));
     }
     READERS.iter().copied().find(|r| r.extensions().iter().any(|e| has_extension(path, e))).ok_or_else(|| {
-        let formats: Vec<_> =
-            READERS.iter().map(|r| format!("{} (.{})", r.name(), r.extensions().join(", ."))).collect();
+        let of_files = READERS.iter().filter(|r| !r.extensions().is_empty());
+        let formats: Vec<_> = of_files.map(|r| format!("{} (.{})", r.name(), r.extensions().join(", ."))).collect();
         Error::file(
             path,
             format!("this is no volume in a format that Fabrica reads: {}", formats.join(", ")),
@@ -316,6 +317,35 @@ fn volume_of(
     volume.description.clone_from(&entry.title);
     volume.warnings = warnings;
     Ok(volume)
+}
+
+/// The numbers of an integer volume as structures.
+fn numbers_as_labels<R: VolumeReader + ?Sized>(
+    reader: &R,
+    path: &Path,
+    options: &ReadOptions,
+    progress: &Progress,
+) -> Result<Vec<LabelMap>> {
+    // Readers make means where several voxels become one, which numbers of structures have not.
+    let Window { crop, reduce } = options.window;
+    let exact = ReadOptions { window: Window { crop, ..Window::default() }, ..options.clone() };
+    let volume = reader.read(path, &exact, progress)?;
+    let remedy = "open it as a volume, or save it with an integer type";
+    let labels = LabelMap::from_volume(&volume).map_err(|what| Error::file(path, what, remedy))?;
+    Ok(vec![window_labels(path, labels, Window { crop: None, reduce })?])
+}
+
+/// The part of a label map that `window` keeps: of voxels that become one, the label nearest to their middle.
+fn window_labels(path: &Path, labels: LabelMap, window: Window) -> Result<LabelMap> {
+    if window.is_whole() {
+        return Ok(labels);
+    }
+    let window = window.on(path, labels.grid.dims())?;
+    let grid = window.grid(&labels.grid).map_err(|what| Error::file(path, what, "write the file again"))?;
+    let mut voxels = window::Collector::new(window, window::Averaging::Nearest, path);
+    voxels.push(&labels.voxels)?;
+    let notes = labels.notes.into_iter().chain(window.note()).collect();
+    Ok(LabelMap { grid, voxels: voxels.finish(), notes, ..labels })
 }
 
 /// The grid, with the fault as a sentence about the file.
@@ -384,7 +414,7 @@ mod tests {
         assert!(folder.refusal("a.raw", &[7; 1024]).contains("--raw 256x256x128xuint16,0.5x0.5x1,big"));
         let none = read_volume(Path::new("/no/such.nii"), &ReadOptions::default(), &Progress::new()).unwrap_err();
         assert!(none.to_string().contains("no such file"), "{none}");
-        let here = read_volume(folder.path(), &ReadOptions::default(), &Progress::new()).unwrap_err();
+        let here = read_volume(Folder::new().path(), &ReadOptions::default(), &Progress::new()).unwrap_err();
         assert!(here.to_string().contains("this is a folder"), "{here}");
     }
 

@@ -3,16 +3,19 @@
 //! The header is parsed by hand from one offset table per version. The world comes from the sform, else the
 //! qform, else the voxel sizes; NIfTI's world is RAS already. Standard: nifti1.h and nifti2.h (nifti.nimh.nih.gov).
 
+mod labels;
+
 use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::stream::{self, ByteSource, ElementType, Endian, VoxelRequest};
 use super::window::Averaging;
-use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of, volume_of};
+use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of, numbers_as_labels, volume_of};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::spaces::Grid;
+use crate::volume::labels::{LabelMap, LabelTable};
 use crate::volume::{Modality, Rescale, Volume};
 
 /// Reads NIfTI-1, NIfTI-2 and NIfTI pairs.
@@ -36,7 +39,7 @@ impl VolumeReader for NiftiReader {
     }
 
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
-        let Opened { header, entry, element, data_path, data_start, mut source, warnings, rescale } =
+        let Opened { header, entry, element, data_path, data_start, mut source, warnings, rescale, .. } =
             Opened::open(path)?;
         check_frame(path, options.frame, entry.num_frames)?;
         let window = options.window.on(path, entry.grid.dims())?;
@@ -48,12 +51,21 @@ impl VolumeReader for NiftiReader {
             element,
             endian: header.endian,
             window,
-            averaging: Averaging::Mean,
+            averaging: if entry.is_labels { Averaging::Nearest } else { Averaging::Mean },
             is_size_checked: !source.is_gzip(),
         };
         let voxels = stream::read_voxels(&mut source, request, &data_path, progress)?;
         source.finish(progress)?;
         volume_of(path, &entry, window, voxels, rescale, warnings)
+    }
+
+    fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
+        let mut layers = numbers_as_labels(self, path, options, progress)?;
+        if let Some(table) = Opened::open(path)?.label_table {
+            // What the file's own table lacks has a number and is no news.
+            layers.iter_mut().for_each(|layer| drop(layer.name_by(&table)));
+        }
+        Ok(layers)
     }
 }
 
@@ -68,6 +80,8 @@ struct Opened {
     source: ByteSource,
     warnings: Vec<String>,
     rescale: Rescale,
+    /// Names and colors of a label map.
+    label_table: Option<LabelTable>,
 }
 
 impl Opened {
@@ -109,6 +123,7 @@ impl Opened {
         let end = stream::size_bytes(&all, element).and_then(|n| n.checked_add(data_start)).ok_or_else(absurd)?;
         let source = ByteSource::open(&data_path)?;
         source.check_holds(end)?;
+        let label_table = labels::table(&data_path, &header, data_start);
         let entry = Entry {
             key: String::new(),
             title: String::new(),
@@ -119,9 +134,9 @@ impl Opened {
             bytes_per_voxel: element.num_bytes(),
             num_frames: usize::try_from(shape.num_frames).unwrap_or(usize::MAX),
             num_files: 1 + usize::from(header.is_pair),
-            is_labels: false,
+            is_labels: label_table.is_some() || labels::is_intent(&header, &head),
         };
-        Ok(Self { header, entry, element, data_path, data_start, source, warnings, rescale })
+        Ok(Self { header, entry, element, data_path, data_start, source, warnings, rescale, label_table })
     }
 }
 

@@ -343,7 +343,7 @@ pub fn skip_lines(path: &Path, start: u64, num_lines: u64) -> Result<u64> {
 }
 
 /// The sentence for an error while decoding: a damaged stream, or the operating system's word.
-fn decode_error(path: &Path, error: &io::Error) -> Error {
+pub(super) fn decode_error(path: &Path, error: &io::Error) -> Error {
     match error.kind() {
         ErrorKind::InvalidInput | ErrorKind::InvalidData => {
             Error::file(path, format!("the compressed data are damaged ({error})"), "copy or download it again")
@@ -352,7 +352,7 @@ fn decode_error(path: &Path, error: &io::Error) -> Error {
     }
 }
 
-fn ends_early(path: &Path, got: u64, expected: u64, what: &str) -> Error {
+pub(super) fn ends_early(path: &Path, got: u64, expected: u64, what: &str) -> Error {
     Error::file(path, format!("the file ends after {got} of {expected} bytes {what}"), "copy or download it again")
 }
 
