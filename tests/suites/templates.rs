@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use fabrica_engine::Progress;
 use fabrica_engine::render::RenderOptions;
+use fabrica_engine::specimen::Request;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_studio::figure::Template;
 use fabrica_studio::figure::bridge::{Replacement, load_volumes, scene};
@@ -23,7 +24,7 @@ fn shipped() -> Vec<PathBuf> {
 }
 
 fn small_head() -> Replacement {
-    let source = VolumeSource::Specimen { name: "head".to_owned(), resolution: 64 };
+    let source = VolumeSource::Specimen(Request::plain("head", 64));
     Replacement { source, options: Default::default() }
 }
 

@@ -47,6 +47,7 @@ pub const PLAN: Plan = Plan {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u16)]
 enum Part {
+    #[cfg_attr(not(test), expect(dead_code, reason = "what nothing is painted on"))]
     Background,
     Skin,
     Fat,

@@ -5,6 +5,7 @@
 mod head;
 mod painter;
 mod sdf;
+mod turtle;
 mod variant;
 
 pub use variant::{Contrast, Request, Variant};
@@ -28,7 +29,7 @@ pub struct Specimen {
 pub const DEFAULT_RESOLUTION: usize = 256;
 
 /// The specimens there are.
-pub const NAMES: [&str; 1] = ["head"];
+pub const NAMES: [&str; 2] = ["head", "turtle"];
 
 /// Coarsest and finest grid that is made, in voxels along the longest axis.
 const RESOLUTIONS: std::ops::RangeInclusive<usize> = 16..=1024;
@@ -45,6 +46,7 @@ pub fn generate(name: &str, resolution: usize, progress: &Progress) -> Result<Sp
 fn plan(name: &str) -> Option<&'static Plan> {
     match name {
         "head" => Some(&head::PLAN),
+        "turtle" => Some(&turtle::PLAN),
         _ => None,
     }
 }
@@ -57,7 +59,11 @@ impl Request {
     /// have, and a variant that it cannot have; [`Error::Cancelled`].
     pub fn generate(&self, progress: &Progress) -> Result<Specimen> {
         self.check()?;
-        head::generate(self.resolution, &self.variant, progress)
+        let make = match self.name.as_str() {
+            "turtle" => turtle::generate,
+            _ => head::generate,
+        };
+        make(self.resolution, &self.variant, progress)
     }
 
     /// What the values of it will be; unknown for a name that does not exist.
@@ -110,6 +116,7 @@ impl Request {
 pub fn version(name: &str) -> u32 {
     match name {
         "head" => head::VERSION,
+        "turtle" => turtle::VERSION,
         _ => 0,
     }
 }
