@@ -2,6 +2,7 @@
 //! user opens a file. They are deterministic: the same request gives the same voxels, always. Each comes with its label
 //! map, the ground truth of what its voxels show, and in variants ([`Variant`]).
 
+mod engine_block;
 mod head;
 mod painter;
 mod sdf;
@@ -29,7 +30,7 @@ pub struct Specimen {
 pub const DEFAULT_RESOLUTION: usize = 256;
 
 /// The specimens there are.
-pub const NAMES: [&str; 2] = ["head", "turtle"];
+pub const NAMES: [&str; 3] = ["head", "turtle", "engine"];
 
 /// Coarsest and finest grid that is made, in voxels along the longest axis.
 const RESOLUTIONS: std::ops::RangeInclusive<usize> = 16..=1024;
@@ -47,6 +48,7 @@ fn plan(name: &str) -> Option<&'static Plan> {
     match name {
         "head" => Some(&head::PLAN),
         "turtle" => Some(&turtle::PLAN),
+        "engine" => Some(&engine_block::PLAN),
         _ => None,
     }
 }
@@ -61,6 +63,7 @@ impl Request {
         self.check()?;
         let make = match self.name.as_str() {
             "turtle" => turtle::generate,
+            "engine" => engine_block::generate,
             _ => head::generate,
         };
         make(self.resolution, &self.variant, progress)
@@ -117,6 +120,7 @@ pub fn version(name: &str) -> u32 {
     match name {
         "head" => head::VERSION,
         "turtle" => turtle::VERSION,
+        "engine" => engine_block::VERSION,
         _ => 0,
     }
 }
