@@ -4,13 +4,13 @@
 //!
 //! World frame: y runs along the crankshaft toward the front of the engine (belt and fan), z along the bores upward,
 //! x > 0 is the RIGHT as seen from the flywheel, where the exhaust leaves; the origin lies on the crankshaft, midway
-//! between the second and the third cylinder. The box is 200 x 376 x 344 mm.
+//! between the second and the third cylinder. The box is 200 x 388 x 352 mm.
 //!
 //! Values are those of a scanner that was set up for metal: air 0, aluminum 1000, steel 2400.
 //!
 //! Marks that tell left from right, so that a mirrored picture is noticed:
-//! - the intake flange and the oil filter are on the LEFT, the exhaust flange and the starter's pocket on the RIGHT;
-//! - front (toothed wheel and belt cover) and rear (flywheel) differ.
+//! - intake, oil gallery and the pad of the oil filter are on the LEFT, exhaust and the belt's tensioner on the RIGHT;
+//! - front (belt, pulley) and rear (flywheel) differ.
 
 mod bottom;
 mod castings;
@@ -34,7 +34,7 @@ pub const VERSION: u32 = 1;
 /// What the engine is, apart from its shape.
 pub const PLAN: Plan = Plan {
     name: "engine",
-    bounds: (DVec3::new(-100.0, -184.0, -88.0), DVec3::new(100.0, 192.0, 256.0)),
+    bounds: (DVec3::new(-100.0, -188.0, -92.0), DVec3::new(100.0, 200.0, 260.0)),
     cut_z: None,
     air: 0.0,
     noise: 16.0,
@@ -111,7 +111,8 @@ static STRUCTURES: [Structure; 25] = [
 /// Values of the materials.
 mod material {
     pub const ALUMINUM: f32 = 1000.0;
-    pub const PISTON: f32 = 1180.0;
+    pub const LINER: f32 = 1500.0;
+    pub const PISTON: f32 = 2050.0;
     pub const IRON: f32 = 2150.0;
     pub const STEEL: f32 = 2400.0;
     pub const VALVE: f32 = 2550.0;
@@ -185,7 +186,8 @@ impl Model for Engine {
             castings: hull < r,
             bottom: p.z < 45.0 + r && hull < r,
             cylinders: p.z < DECK + r && hull < r,
-            top: p.z > DECK - 6.0 - r && hull < r,
+            // The camshafts reach out of the castings to their wheels.
+            top: p.z > DECK - 6.0 - r && hull.min(ends) < r,
             ends: ends < r,
             bolts: true,
         })

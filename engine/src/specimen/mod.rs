@@ -6,6 +6,8 @@ mod engine_block;
 mod head;
 mod painter;
 mod sdf;
+#[cfg(test)]
+mod tests;
 mod turtle;
 mod variant;
 

@@ -2,7 +2,7 @@
 //! signed distances. Shell, body, organs and bones are separate structures, made to be taken apart.
 //!
 //! World frame: the origin lies in the middle of the carapace's rim plane, x > 0 is the animal's RIGHT, y > 0 its head,
-//! z > 0 its back. The box is 224 x 312 x 113 mm; the carapace is 200 mm long.
+//! z > 0 its back. The box is 228 x 312 x 116 mm; the carapace is 200 mm long.
 //!
 //! Marks that tell left from right, so that a mirrored picture is noticed:
 //! - a healed bite in the rim of the carapace behind, on the RIGHT;
@@ -35,7 +35,7 @@ const AIR_HU: f32 = -1000.0;
 /// What the turtle is, apart from its shape.
 pub const PLAN: Plan = Plan {
     name: "turtle",
-    bounds: (DVec3::new(-112.0, -142.0, -47.0), DVec3::new(112.0, 170.0, 66.0)),
+    bounds: (DVec3::new(-114.0, -142.0, -50.0), DVec3::new(114.0, 170.0, 66.0)),
     cut_z: None,
     air: AIR_HU,
     noise: 4.0,
@@ -176,7 +176,7 @@ fn neck_bound(p: Vec3) -> f32 {
 }
 
 fn tail_bound(p: Vec3) -> f32 {
-    (p - vec3(-8.0, -106.0, -12.0)).length() - 42.0
+    (p - vec3(-8.0, -98.0, 0.0)).length() - 56.0
 }
 
 impl Model for Turtle {
@@ -195,8 +195,8 @@ impl Model for Turtle {
         };
         let hull = shell::hull(p);
         let skin = self.skin(p, &s);
-        // The rim flares.
-        if skin > r && hull > r + 12.0 {
+        // Claws stand out of the skin, and the rim out of the hull.
+        if skin > r + 9.0 && hull > r + 12.0 {
             return None;
         }
         s.surface = skin > -r - 8.0;
@@ -212,9 +212,8 @@ impl Model for Turtle {
         let hull = shell::hull(p);
         let mut skin = if s.surface { self.skin(p, s) } else { -60.0 };
         if skin.abs() < 3.0 && hull > -2.0 {
-            // Scales: plates with grooves between, larger on the limbs than on the head.
-            let scale = if s.head { 0.34 } else { 0.23 };
-            let (first, second) = cells(p * scale, 61);
+            // Scales: plates with grooves between.
+            let (first, second) = cells(p * 0.27, 61);
             skin -= 0.7 * smoothstep(0.0, 0.30, second - first) - 0.45;
         }
         if skin < paint.blur {
@@ -314,7 +313,7 @@ impl Turtle {
         self.paint_bone(p, organs::pelvis(q), Part::Pelvis, paint);
         let back = limbs::beads(p, &self.back, 10, 3.0);
         self.paint_bone(p, back, Part::Back, paint);
-        paint.put(tube(p - Vec3::Z * 4.2, &self.back) + 2.2, 35.0, Part::Cord);
+        paint.put(tube(p - Vec3::Z * 4.4, &self.back) + 1.7, 35.0, Part::Cord);
     }
 
     fn paint_neck(&self, p: Vec3, skin: f32, s: &Scope, paint: &mut Paint<'_>) {

@@ -14,7 +14,7 @@ use crate::figure::template::VolumeSlot;
 
 #[derive(clap::Args, Debug)]
 pub struct Arguments {
-    /// A volume file, a folder, or specimen:NAME[@N].
+    /// A volume file, a folder, or specimen:NAME[@N][,VARIANT] (`fabrica inspect --help` lists them).
     volume: String,
     /// Layout of a raw file: DIMSxTYPE[,spacing][,endian], as in 256x256x128xuint8,1x1x1,little.
     #[arg(long, value_name = "LAYOUT")]

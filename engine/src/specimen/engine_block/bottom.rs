@@ -13,8 +13,7 @@ fn pin_height(i: usize) -> f32 {
     CRANK * c + (ROD * ROD - CRANK * CRANK * s * s).sqrt()
 }
 
-/// Half the lengths of main journals and crankpins.
-const MAIN: f32 = 11.0;
+/// Half the length of a crankpin.
 const PIN: f32 = 14.0;
 
 /// The crankshaft of one cylinder: the pin, its two webs with counterweights, and half of each main journal.
@@ -106,7 +105,6 @@ pub fn paint_crank(p: Vec3, paint: &mut Paint<'_>) {
         smax(vec2(p.x, p.z).length() - 16.0, p.y.abs() - 188.0, 1.0)
     };
     paint.put(shaft, STEEL, Part::Crank);
-    // Shells of the bearings.
 }
 
 /// Where the crank's wheels and the belt are.
@@ -163,7 +161,9 @@ pub fn paint_ends(p: Vec3, paint: &mut Paint<'_>) {
         }
     }
     wheels = wheels.min(toothed(a, 16.0, 20.0, 7.0));
+    // The tensioner, on its bolt.
     wheels = wheels.min(disc_y(a - vec3(36.0, 0.0, 92.0), 15.0, 7.0, 1.0));
+    paint.put(disc_y(a - vec3(36.0, -5.0, 92.0), 4.5, 14.0, 0.8), STEEL, Part::Bolts);
     paint.put(wheels, STEEL - 80.0, Part::Wheels);
     // The belt: a band around all of them.
     let line = [

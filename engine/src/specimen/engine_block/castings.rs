@@ -28,12 +28,12 @@ pub fn hull(p: Vec3) -> f32 {
     let q = vec3(p.x.abs(), p.y.abs(), p.z);
     let below = slab(q, vec3(-72.0, -HALF_LENGTH - 5.0, PAN_FLOOR), vec3(72.0, HALF_LENGTH + 5.0, 64.0), 4.0);
     let above = slab(q, vec3(-74.0, -HALF_LENGTH - 5.0, 30.0), vec3(74.0, HALF_LENGTH + 5.0, COVER_TOP), 4.0);
-    let sides = slab(p, vec3(-96.0, -136.0, -36.0), vec3(96.0, 136.0, 214.0), 4.0);
+    let sides = slab(p, vec3(-96.0, -146.0, -36.0), vec3(96.0, 146.0, 214.0), 4.0);
     below.min(above).min(sides)
 }
 
 /// The outside of the block.
-fn block(p: Vec3, i: usize, l: Vec3) -> f32 {
+fn block(p: Vec3, l: Vec3) -> f32 {
     let wide = p.x.abs() - half_width(p.z);
     let mut d = smax(wide * 0.92, p.y.abs() - HALF_LENGTH, 8.0);
     d = smax(d, (p.z - DECK).max(SKIRT - p.z), 1.5);
@@ -50,8 +50,9 @@ fn block(p: Vec3, i: usize, l: Vec3) -> f32 {
     let mount = slab(vec3(p.x.abs(), p.y, p.z), vec3(50.0, -26.0, -2.0), vec3(82.0, 26.0, 24.0), 5.0);
     d = smin(d, mount, 8.0);
     let pad = disc_x(p - vec3(-62.0, 92.0, -4.0), 24.0, 12.0);
-    let _ = i;
-    smin(d, pad, 5.0)
+    // The tensioner's boss at the front.
+    let boss = disc_y(p - vec3(36.0, HALF_LENGTH + 4.0, 92.0), 8.0, 8.0, 1.0);
+    smin(smin(d, pad, 5.0), boss, 4.0)
 }
 
 /// A cylinder along x about the origin.
@@ -164,7 +165,7 @@ fn cover(p: Vec3, l: Vec3) -> f32 {
     let well = vec2(l.x, l.y).length();
     d = smin(d, smax(well - 14.5, smax(p.z - HEAD_TOP - 14.0, HEAD_TOP - 30.0 - p.z, 1.0), 1.0), 3.0);
     let dome_fins = {
-        let fin = (p.x.abs() - 32.0 + 0.0) / 8.0;
+        let fin = (p.x.abs() - 32.0) / 8.0;
         let fin = (fin - fin.round()).abs() * 8.0 - 1.2;
         smax(smax(fin, cover_profile(p, -2.4), 0.8), p.y.abs() - HALF_LENGTH + 22.0, 2.0)
     };
@@ -191,11 +192,11 @@ fn pan(p: Vec3) -> (f32, f32) {
 
 /// All castings, with what flows in them.
 pub fn paint(p: Vec3, paint: &mut Paint<'_>) {
-    let (i, l) = cylinder(p);
+    let (_, l) = cylinder(p);
     let grain = 14.0 * noise(p * 0.35, 81);
     let bore = vec2(l.x, l.y).length() - BORE;
     if p.z < DECK + 8.0 {
-        let mut d = block(p, i, l);
+        let mut d = block(p, l);
         d = smax(d, -crankcase(p, l), 2.0);
         d = smax(d, -smax(bore, 20.0 - p.z, 1.0), 1.0);
         let jacket = jacket(l, p);
@@ -208,9 +209,9 @@ pub fn paint(p: Vec3, paint: &mut Paint<'_>) {
         paint.put(smax(smax(d, -jacket, 1.0), -oil, 0.8), ALUMINUM + grain, Part::Block);
         paint.put(jacket, COOLANT, Part::Coolant);
         paint.put(smax(oil, d, 0.5), OIL, Part::Oil);
-        // Iron liners.
+        // Liners.
         let liner = smax(smax(bore - 4.0, -bore, 0.5), (p.z - 87.0).abs() - 60.5, 1.0);
-        paint.put(liner, IRON, Part::Liners);
+        paint.put(liner, LINER, Part::Liners);
         paint_pan(p, grain, paint);
     }
     if p.z > DECK - 6.0 {

@@ -72,7 +72,7 @@ fn the_longest_axis_has_the_resolution_asked_for() {
 #[test]
 fn unknown_names_and_senseless_resolutions_are_refused() {
     let text = |name: &str, n: usize| generate(name, n, &Progress::new()).unwrap_err().to_string();
-    assert_eq!(text("foot", 64), "there is no specimen named \"foot\"; the specimens are: head");
+    assert_eq!(text("foot", 64), "there is no specimen named \"foot\"; the specimens are: head, turtle, engine");
     for n in [0, 15, 1025] {
         assert_eq!(
             text("head", n),

@@ -114,7 +114,7 @@ pub fn limbs() -> [Limb; 4] {
         ),
         Limb::new(
             true,
-            [vec3(-37.0, 56.0, -6.0), vec3(-75.0, 64.0, -12.0), vec3(-94.0, 78.0, -32.0)],
+            [vec3(-37.0, 56.0, -6.0), vec3(-67.0, 67.0, -12.0), vec3(-79.0, 82.0, -32.0)],
             vec3(-0.9, 0.55, 0.0),
         ),
         Limb::new(
@@ -124,7 +124,7 @@ pub fn limbs() -> [Limb; 4] {
         ),
         Limb::new(
             false,
-            [vec3(-30.0, -60.0, -5.0), vec3(-68.0, -60.0, -11.0), vec3(-85.0, -84.0, -32.0)],
+            [vec3(-30.0, -60.0, -5.0), vec3(-65.0, -62.0, -11.0), vec3(-77.0, -87.0, -32.0)],
             vec3(-0.95, 0.05, 0.0),
         ),
     ]
@@ -160,11 +160,11 @@ impl Head {
         let nape = center - mix3(vec3(6.5, 21.0, 1.0), vec3(0.0, 22.0, -2.0), t);
         let root = shell::below_ridge(60.0, 5.0);
         let points = [
-            (root, 3.7),
-            (mix3(vec3(0.0, 75.0, 17.0), vec3(0.0, 58.0, 14.0), t), 3.7),
-            (mix3(vec3(0.0, 87.0, 10.0), vec3(0.0, 36.0, 4.0), t), 3.7),
-            (mix3(vec3(0.0, 99.0, 17.0), vec3(0.0, 42.0, -8.0), t), 3.6),
-            (nape, 3.4),
+            (root, 4.2),
+            (mix3(vec3(0.0, 75.0, 20.0), vec3(0.0, 58.0, 14.0), t), 4.2),
+            (mix3(vec3(0.0, 88.0, 13.0), vec3(0.0, 36.0, 4.0), t), 4.2),
+            (mix3(vec3(0.0, 100.0, 19.0), vec3(0.0, 42.0, -8.0), t), 4.0),
+            (nape, 3.8),
         ];
         let skin = [
             (vec3(0.0, 60.0, 2.0), 20.0),
@@ -292,11 +292,11 @@ impl Head {
     fn mandible(q: Vec3) -> f32 {
         let s = vec3(q.x, q.y, q.z * 0.72);
         let arch = [
-            (vec3(9.4, -12.0, -9.4), 1.9),
-            (vec3(10.2, -3.0, -9.8), 2.3),
-            (vec3(9.0, 9.0, -9.4), 2.4),
-            (vec3(5.0, 19.5, -8.8), 2.3),
-            (vec3(0.0, 23.0, -8.4), 2.4),
+            (vec3(9.4, -12.0, -7.8), 1.9),
+            (vec3(10.0, -3.0, -8.6), 2.0),
+            (vec3(8.8, 9.0, -8.4), 2.1),
+            (vec3(5.0, 19.0, -7.8), 2.1),
+            (vec3(0.0, 22.4, -7.4), 2.2),
         ];
         chain(s, &arch.map(|(p, r)| (vec3(p.x, p.y, p.z * 0.72), r)), 2.0)
     }
@@ -320,7 +320,7 @@ impl Head {
 
     /// The cord within them.
     pub fn cord(&self, p: Vec3) -> f32 {
-        tube(p - Vec3::Z * 3.9, &self.neck) + 2.2
+        tube(p - Vec3::Z * 5.0, &self.neck) + 2.2
     }
 
     /// Where windpipe and gullet run below the vertebrae: a line from the throat into the chest.
@@ -362,8 +362,8 @@ pub fn beads(p: Vec3, line: &[(Vec3, f32)], count: usize, arch: f32) -> f32 {
     let segment = at * (count as f32 / (line.len() - 1) as f32);
     let t = segment - segment.floor() - 0.5;
     // A spool: thin in its middle, with a gap to the next.
-    let waist = 1.0 - 0.30 * bump(t, 0.42);
-    let gap = smoothstep(0.40, 0.5, t.abs()) * 1.6;
+    let waist = 1.0 - 0.22 * bump(t, 0.42);
+    let gap = smoothstep(0.42, 0.5, t.abs()) * 1.2;
     let body = best - radius * waist + gap;
     // The arch stands on the upper side, the crest on it.
     let up = (Vec3::Z - along * (along.z / along.length_squared())).normalize_or(Vec3::Z);
