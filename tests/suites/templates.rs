@@ -66,7 +66,7 @@ fn shipped_templates_draw_a_small_head() {
 #[test]
 fn a_template_fits_another_dataset_by_percentiles() {
     let (Some(a), Some(b)) = (data("orient_RAS.nii.gz"), data("someones_anatomy.nii.gz")) else { return };
-    let mut template = Template::read(&shipped()[0]).unwrap();
+    let mut template = Template::read(&checkout().join("templates/head.json")).unwrap();
     let function = &mut template.objects[0].transfer_function;
     function.domain = Domain::Percentile;
     function.nodes.truncate(2);
@@ -95,7 +95,7 @@ fn a_template_fits_another_dataset_by_percentiles() {
 fn faults_are_sentences() {
     let styles = StyleLibrary::embedded();
     let progress = Progress::new();
-    let mut template = Template::read(&shipped()[0]).unwrap();
+    let mut template = Template::read(&checkout().join("templates/head.json")).unwrap();
     let volumes = load_volumes(&template, checkout(), &[small_head()], &progress).unwrap();
     template.objects[0].transfer_function.nodes[0].style = "porcelan".to_owned();
     let message = scene(&template, &volumes, &styles, &progress).unwrap_err().to_string();

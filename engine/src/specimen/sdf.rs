@@ -153,8 +153,11 @@ pub fn normal(x: usize, y: usize, z: usize, seed: u32) -> f32 {
     (sum as f32 - 510.0) * (1.0 / 147.8)
 }
 
+/// Points with radii along a line.
+pub type Line = Vec<(Vec3, f32)>;
+
 /// A smooth curve through points with radii: `parts` pieces between any two (Catmull-Rom).
-pub fn spline(points: &[(Vec3, f32)], parts: usize) -> Vec<(Vec3, f32)> {
+pub fn spline(points: &[(Vec3, f32)], parts: usize) -> Line {
     let mut curve = Vec::with_capacity(points.len() * parts);
     for i in 0..points.len().saturating_sub(1) {
         let at = |k: isize| points[(i as isize + k).clamp(0, points.len() as isize - 1) as usize];
@@ -175,7 +178,7 @@ pub fn spline(points: &[(Vec3, f32)], parts: usize) -> Vec<(Vec3, f32)> {
 
 /// A round course along a curve, with its bounding box.
 pub struct Course {
-    curve: Vec<(Vec3, f32)>,
+    curve: Line,
     lo: Vec3,
     hi: Vec3,
 }

@@ -141,8 +141,8 @@ pub struct Scope {
 pub struct Turtle {
     head: Head,
     limbs: [Limb; 4],
-    back: Vec<(Vec3, f32)>,
-    tail: Vec<(Vec3, f32)>,
+    back: Line,
+    tail: Line,
     organs: organs::Courses,
 }
 

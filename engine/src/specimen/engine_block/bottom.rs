@@ -135,7 +135,7 @@ pub fn paint_ends(p: Vec3, paint: &mut Paint<'_>) {
         d = smax(d, -smax((r - 52.0).abs() - 15.0, a.y.abs() - 20.0, 1.0).max(-(a.y + 4.0)), 3.0);
         for k in 0..6 {
             let (s, c) = super::turned(k as f32 / 6.0);
-            d = smax(d, (vec2(a.x - 52.0 * c, a.z - 52.0 * s).length() - 9.0) * -1.0, 1.5);
+            d = smax(d, 9.0 - vec2(a.x - 52.0 * c, a.z - 52.0 * s).length(), 1.5);
             let (s, c) = super::turned((k as f32 + 0.5) / 6.0);
             let bolt = disc_y(a - vec3(24.0 * c, -11.0, 24.0 * s), 4.6, 5.0, 0.8);
             paint.put(bolt, STEEL, Part::Bolts);

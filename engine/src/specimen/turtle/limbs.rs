@@ -139,7 +139,7 @@ pub struct Head {
     /// Its nod, radians.
     nod: f32,
     /// The line of the neck's vertebrae.
-    neck: Vec<(Vec3, f32)>,
+    neck: Line,
     /// The neck's skin.
     skin: [(Vec3, f32); 4],
 }
@@ -379,8 +379,8 @@ pub fn beads(p: Vec3, line: &[(Vec3, f32)], count: usize, arch: f32) -> f32 {
 }
 
 /// The line of the back's vertebrae under the carapace, and on into the tail, which curls to the LEFT.
-pub fn spine() -> (Vec<(Vec3, f32)>, Vec<(Vec3, f32)>) {
-    let back: Vec<(Vec3, f32)> = (0..=7).map(|i| (shell::below_ridge(60.0 - 18.0 * i as f32, 4.0), 3.6)).collect();
+pub fn spine() -> (Line, Line) {
+    let back: Line = (0..=7).map(|i| (shell::below_ridge(60.0 - 18.0 * i as f32, 4.0), 3.6)).collect();
     let end = back[back.len() - 1].0;
     let tail = [
         (end, 3.6),
