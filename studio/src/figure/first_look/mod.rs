@@ -35,7 +35,7 @@ pub const SLOT: &str = "volume";
 
 /// What people call a file: its name without folders and extensions; a specimen's own.
 fn name(file: &str) -> String {
-    let file = file.strip_prefix("specimen:").map_or(file, |s| s.split('@').next().unwrap_or(s));
+    let file = file.strip_prefix("specimen:").map_or(file, |s| s.split(['@', ',']).next().unwrap_or(s));
     let last = file.rsplit(['/', '\\']).find(|part| !part.is_empty()).unwrap_or(file);
     last.split('.').find(|part| !part.is_empty()).unwrap_or(last).to_owned()
 }
