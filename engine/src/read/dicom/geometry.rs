@@ -196,7 +196,7 @@ fn order_of(slice: &Slice) -> ([f64; NUM_ORDERS], f64) {
 }
 
 /// The affine of an index with these steps and origin, all of them in LPS.
-fn ras(x: DVec3, y: DVec3, z: DVec3, origin: DVec3) -> DAffine3 {
+pub fn ras(x: DVec3, y: DVec3, z: DVec3, origin: DVec3) -> DAffine3 {
     let flip = DVec3::new(-1.0, -1.0, 1.0);
     DAffine3 { matrix3: DMat3::from_cols(x * flip, y * flip, z * flip), translation: origin * flip }
 }
