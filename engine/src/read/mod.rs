@@ -5,6 +5,7 @@
 //! header that shall get its own sentence). Every reader delivers RAS millimeters, voxels in the stored type,
 //! and checks sizes against the file before it allocates.
 
+pub mod dicom;
 pub mod label_table;
 pub mod limits;
 pub mod mask_folder;
@@ -131,8 +132,8 @@ pub trait VolumeReader: Sync {
 pub const HEAD_BYTES: usize = 4096;
 
 /// The formats, asked in this order.
-static READERS: [&dyn VolumeReader; 4] =
-    [&nifti::NiftiReader, &nrrd::NrrdReader, &mask_folder::FolderReader, &raw::RawReader];
+static READERS: [&dyn VolumeReader; 5] =
+    [&nifti::NiftiReader, &nrrd::NrrdReader, &dicom::DicomReader, &mask_folder::FolderReader, &raw::RawReader];
 
 /// Reads a volume from a file or folder of any known format.
 ///
@@ -268,9 +269,7 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
 /// A format of the field that has no reader yet.
 fn not_read_yet(path: &Path, head: &[u8]) -> Option<&'static str> {
     let named = |extensions: &[&str]| extensions.iter().any(|e| has_extension(path, e));
-    if head.get(128..132) == Some(b"DICM") || named(&["dcm", "dicom", "ima"]) {
-        Some("DICOM")
-    } else if head.starts_with(b"ObjectType") || head.starts_with(b"NDims") || named(&["mha", "mhd"]) {
+    if head.starts_with(b"ObjectType") || head.starts_with(b"NDims") || named(&["mha", "mhd"]) {
         Some("MetaImage")
     } else if head.starts_with(b"II*\0") || head.starts_with(b"MM\0*") || named(&["tif", "tiff"]) {
         Some("TIFF")

@@ -142,6 +142,14 @@ pub enum Modality {
     Ct,
     /// Magnetic resonance: arbitrary units.
     Mr,
+    /// Positron emission tomography.
+    Pet,
+    /// Single-photon emission: scintigraphy, SPECT.
+    Nuclear,
+    /// Ultrasound.
+    Ultrasound,
+    /// Radiography, mammography, fluoroscopy, angiography, tomosynthesis.
+    XRay,
     /// Not stated.
     #[default]
     Unknown,

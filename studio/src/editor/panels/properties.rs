@@ -286,6 +286,10 @@ fn description(volume: &Volume) -> Vec<String> {
         let (kind, unit) = match volume.modality {
             Modality::Ct => ("CT, ", " HU"),
             Modality::Mr => ("MR, ", ""),
+            Modality::Pet => ("PET, ", ""),
+            Modality::Nuclear => ("nuclear medicine, ", ""),
+            Modality::Ultrasound => ("ultrasound, ", ""),
+            Modality::XRay => ("X-ray, ", ""),
             Modality::Unknown => ("", ""),
         };
         lines.push(format!("{kind}values {} to {}{unit}", shorter(s.min), shorter(s.max)));
