@@ -119,6 +119,17 @@ impl Look {
             Kind::Body | Kind::Organ | Kind::OneMaterial | Kind::TwoMaterials { .. } if view.is_of_sheet => {
                 Self::tones(statistics)
             }
+            // A white cast leaves colors as they are.
+            Kind::CutOut => Self { domain: Domain::Data, nodes: vec![(0.0, "plaster", 1.0)], gradient_scale_mm: None },
+            Kind::Colors => {
+                // Otsu's threshold lies among the colors: of these, the dark ones are far above what is black.
+                let (dark, seen) = (0.05 * statistics.background, 0.2 * statistics.background);
+                let filler = kind::filler(statistics).filter(|value| *value < statistics.background);
+                let dark = filler.map_or(dark, |value| dark.max(value));
+                let seen = seen.max(2.0 * dark);
+                let nodes = vec![(round(dark, 5), "plaster", 0.0), (round(seen, 5), "plaster", 0.9)];
+                Self { domain: Domain::Data, nodes, gradient_scale_mm: None }
+            }
             Kind::Constant => Self::percentiles(&[(0.0, "clay", 0.9)], statistics),
             Kind::Ct { contrast } => Self::ct(ct_nodes(contrast)),
             Kind::Labels => {
