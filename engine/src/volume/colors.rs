@@ -130,6 +130,7 @@ mod tests {
             grid: Grid::new([3, 1, 1], DAffine3::IDENTITY).unwrap(),
             voxels: vec![0, 2, 1],
             labels: vec![label(0, [9; 3]), label(7, [255, 0, 0]), label(70_000, [0, 255, 0])],
+            notes: Vec::new(),
         };
         let volume = Volume::from_labels(&map).unwrap();
         assert_eq!(volume.colors, Some(vec![[0; 4], [0, 255, 0, 255], [255, 0, 0, 255]]));

@@ -161,8 +161,17 @@ impl Modality {
         match self {
             Self::Ct => "CT",
             Self::Mr => "MR",
+            Self::Pet => "PET",
+            Self::Nuclear => "NM",
+            Self::Ultrasound => "US",
+            Self::XRay => "X-ray",
             Self::Unknown => "",
         }
+    }
+
+    /// What follows its values: their unit after a blank, where they have one.
+    pub fn suffix(self) -> &'static str {
+        if self == Self::Ct { " HU" } else { "" }
     }
 }
 

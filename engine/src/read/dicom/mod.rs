@@ -68,7 +68,7 @@ impl VolumeReader for DicomReader {
         check_frame(path, options.frame, stack.entry.num_frames)?;
         let window = options.window.on(path, stack.entry.grid.dims())?;
         if let Some(file) = stack.segmentation {
-            let layers = segmentation::layers(&opened.files[file], window, progress)?;
+            let layers = segmentation::layers(&opened.files[file], options.window, progress)?;
             return labels_as_volume(path, stack, layers, window, notes);
         }
         let mut volume = assemble::volume(path, &opened.files, stack, options.frame, window, progress)?;
@@ -82,8 +82,7 @@ impl VolumeReader for DicomReader {
         let (index, _) = opened.choose(path, options, true)?;
         let stack = &opened.found.stacks[index];
         if let Some(file) = stack.segmentation {
-            let window = options.window.on(path, stack.entry.grid.dims())?;
-            return segmentation::layers(&opened.files[file], window, progress);
+            return segmentation::layers(&opened.files[file], options.window, progress);
         }
         let volume = self.read(path, options, progress)?;
         let remedy = "open it as a volume, or name a DICOM segmentation";

@@ -19,8 +19,8 @@ use crate::color::srgb8_from_linear;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::read::stream::reserve;
-use crate::read::window::{Averaging, Collector, OnGrid};
-use crate::read::{Entry, grid_of};
+use crate::read::window::Window;
+use crate::read::{Entry, grid_of, window_labels};
 use crate::spaces::Grid;
 use crate::volume::Modality;
 use crate::volume::labels::{Label, LabelMap, distinct_color};
@@ -64,7 +64,7 @@ pub fn stack_of(index: usize, file: &DicomFile, image: &Image) -> Result<Stack> 
 ///
 /// # Errors
 /// One sentence if frames are damaged or missing, or there is not enough memory.
-pub fn layers(file: &DicomFile, window: OnGrid, progress: &Progress) -> Result<Vec<LabelMap>> {
+pub fn layers(file: &DicomFile, window: Window, progress: &Progress) -> Result<Vec<LabelMap>> {
     let image = Image::of(file)?;
     let layout = Layout::of(file, &image)?;
     let frames = Frames::new(file, image.format, image.num_frames);
@@ -74,18 +74,7 @@ pub fn layers(file: &DicomFile, window: OnGrid, progress: &Progress) -> Result<V
     } else {
         layout.segments(file, &frames, progress)?
     };
-    full.into_iter().map(|map| cut(file, map, window)).collect()
-}
-
-/// A layer in the window.
-fn cut(file: &DicomFile, map: LabelMap, window: OnGrid) -> Result<LabelMap> {
-    if window.is_whole() {
-        return Ok(map);
-    }
-    let mut collector = Collector::new(window, Averaging::Nearest, &file.path);
-    collector.push(&map.voxels)?;
-    let grid = window.grid(&map.grid).map_err(|what| Error::file(&file.path, what, REMEDY))?;
-    Ok(LabelMap { grid, voxels: collector.finish(), labels: map.labels })
+    full.into_iter().map(|map| window_labels(&file.path, map, window)).collect()
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -186,7 +175,7 @@ impl Layout {
                 });
             }
         }
-        Ok(LabelMap { grid: self.grid, voxels, labels })
+        Ok(LabelMap { grid: self.grid, voxels, labels, notes: Vec::new() })
     }
 
     /// Frames that belong to one structure each.
@@ -241,7 +230,10 @@ impl Layout {
                 }
             }
         }
-        Ok(layers.into_iter().map(|(voxels, labels)| LabelMap { grid: self.grid, voxels, labels }).collect())
+        Ok(layers
+            .into_iter()
+            .map(|(voxels, labels)| LabelMap { grid: self.grid, voxels, labels, notes: Vec::new() })
+            .collect())
     }
 }
 
