@@ -24,11 +24,12 @@ Specimens are data sets that Fabrica makes itself, with their label maps: specim
   N       voxels along the longest axis, 16 to 1024 (default 256)
   WORD    how it differs from the plain one; each at most once, in any order:
     size=F          F times as large
-    turn=R/A/S      turned by degrees about the axes to the right, to the front and upward, in this order
+    turn=R/A/S      degrees about the axes right, front and up, in this order
     drawn-in=F      the turtle's head drawn in: 0 (stretched out) to 1
     mirrored        left and right exchanged
-    without=A+B     structures left out, by the names listed here, with - for spaces; the lower teeth go with the mandible
-    mr              MRI-like contrast in arbitrary units, with a bias field (not the engine, which is of metal)
+    without=A+B     structures left out, named as inspect lists them, - for spaces;
+                    the lower teeth go with the mandible
+    mr              MRI-like contrast with a bias field (not the engine: metal)
     noise=SD        standard deviation of the noise, in units of the values
     slope=F         values times F ...
     offset=V        ... plus V: a scanner off its calibration
@@ -40,7 +41,7 @@ A specimen goes wherever a volume goes: as an argument, after --volume, and in a
 #[derive(clap::Args, Debug)]
 #[command(after_long_help = SPECIMENS)]
 pub struct Arguments {
-    /// A volume file, a folder, or specimen:NAME[@N][,VARIANT] (see below).
+    /// A volume file, a folder, or specimen:NAME[@N][,VARIANT] (--help lists them).
     file_or_dir: String,
     /// Print JSON.
     #[arg(long)]
