@@ -37,6 +37,9 @@ const EXPECTED: &[Expected] = &[
     row("cta_heart_aorta_aorta_true_lumen.nii.gz", [120, 126, 164], 1, "LPS", "uint8", (0.0, 1.0)),
     row("cta_heart_aorta_vertebrae_T12.nii.gz", [120, 126, 164], 1, "LPS", "uint8", (0.0, 1.0)),
     row("cta_heart_aorta_T716_aorta_true_false_lumen.nii.gz", [120, 126, 164], 1, "LPS", "uint8", (0.0, 2.0)),
+    row("ct_lung.mha", [115, 157, 129], 1, "LPS", "int16", (-1255.0, 1474.0)),
+    row("ct_lung_mask.mha", [115, 157, 129], 1, "LPS", "uint8", (0.0, 1.0)),
+    row("ct_lung_small.mha", [57, 78, 64], 1, "LPS", "int16", (-1130.0, 1379.0)),
     row("edge_5d_small.nii", [1, 2, 3], 3, "PSR", "uint8", (0.076919, 0.780245)),
     row("edge_analyze.hdr", [62, 41, 34], 1, "RAS", "uint8", (0.0, 255.0)),
     row("edge_analyze.img", [62, 41, 34], 1, "RAS", "uint8", (0.0, 255.0)),
@@ -63,6 +66,7 @@ const EXPECTED: &[Expected] = &[
     row("scaled_4d.nii", [17, 21, 3], 20, "LAS", "int16", (629.826, 5571.62)),
     row("someones_anatomy.nii.gz", [57, 67, 56], 1, "RAS", "uint8", (6.67836, 96.5554)),
     row("someones_epi_oblique.nii.gz", [53, 61, 33], 1, "RAS", "uint8", (7.74255, 103.767)),
+    row("square2d.mhd", [5, 6, 1], 1, "LPS", "float32", (0.0, 1.0)),
     row("spm152.nii.gz", [207, 256, 215], 1, "RAS", "uint8", (0.0, 90.7391)),
     row("spm152_tissue.nii.gz", [207, 256, 215], 1, "RAS", "uint8", (0.0, 3.0)),
     row("stroke_FLAIR.nii.gz", [124, 160, 140], 1, "RAS", "uint8", (0.0, 255.0)),
@@ -128,7 +132,7 @@ fn real_files_are_what_the_table_says() {
 #[test]
 fn a_frame_too_many_is_refused_with_the_number_of_frames() {
     let Some(path) = fabrica_tests::data("pcasl_4d.nii.gz") else { return };
-    let error = read_volume(&path, &ReadOptions { frame: 10, raw: None }, &Progress::new()).unwrap_err().to_string();
+    let error = read_volume(&path, &ReadOptions { frame: 10, ..ReadOptions::default() }, &Progress::new()).unwrap_err().to_string();
     assert!(error.contains("there is no frame 10: the file has 10 frames; choose 0 to 9"), "{error}");
 }
 

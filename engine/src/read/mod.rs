@@ -5,8 +5,10 @@
 //! header that shall get its own sentence). Every reader delivers RAS millimeters, voxels in the stored type,
 //! and checks sizes against the file before it allocates.
 
+pub mod metaimage;
 pub mod nifti;
 pub mod nrrd;
+mod parts;
 pub mod raw;
 mod stream;
 #[cfg(test)]
@@ -100,9 +102,7 @@ pub trait VolumeReader: Sync {
     /// # Errors
     /// As [`VolumeReader::read`], and for voxels that are no integers.
     fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
-        let volume = self.read(path, options, progress)?;
-        let remedy = "open it as a volume, or save it with an integer type";
-        Ok(vec![LabelMap::from_volume(&volume).map_err(|what| Error::file(path, what, remedy))?])
+        labels_of(path, &self.read(path, options, progress)?)
     }
 }
 
@@ -110,7 +110,8 @@ pub trait VolumeReader: Sync {
 pub const HEAD_BYTES: usize = 4096;
 
 /// The formats, asked in this order.
-static READERS: [&dyn VolumeReader; 3] = [&nifti::NiftiReader, &nrrd::NrrdReader, &raw::RawReader];
+static READERS: [&dyn VolumeReader; 4] =
+    [&nifti::NiftiReader, &nrrd::NrrdReader, &metaimage::MetaImageReader, &raw::RawReader];
 
 /// Reads a volume from a file or folder of any known format.
 ///
@@ -195,8 +196,6 @@ fn not_read_yet(path: &Path, head: &[u8]) -> Option<&'static str> {
     let named = |extensions: &[&str]| extensions.iter().any(|e| has_extension(path, e));
     if head.get(128..132) == Some(b"DICM") || named(&["dcm", "dicom", "ima"]) {
         Some("DICOM")
-    } else if head.starts_with(b"ObjectType") || head.starts_with(b"NDims") || named(&["mha", "mhd"]) {
-        Some("MetaImage")
     } else if head.starts_with(b"II*\0") || head.starts_with(b"MM\0*") || named(&["tif", "tiff"]) {
         Some("TIFF")
     } else {
@@ -231,17 +230,44 @@ fn volume_of(
     window: window::OnGrid,
     voxels: Voxels,
     rescale: Rescale,
+    warnings: Vec<String>,
+) -> Result<Volume> {
+    let make = |grid| Volume::new(grid, voxels, rescale, &entry.format);
+    described(path, entry, window, make, warnings)
+}
+
+/// As [`volume_of`], of sRGB colors with straight alpha.
+fn color_volume_of(
+    path: &Path,
+    entry: &Entry,
+    window: window::OnGrid,
+    colors: Vec<[u8; 4]>,
+    warnings: Vec<String>,
+) -> Result<Volume> {
+    described(path, entry, window, |grid| Volume::from_colors(grid, colors, &entry.format), warnings)
+}
+
+fn described(
+    path: &Path,
+    entry: &Entry,
+    window: window::OnGrid,
+    make: impl FnOnce(Grid) -> std::result::Result<Volume, String>,
     mut warnings: Vec<String>,
 ) -> Result<Volume> {
     let fault = |what| Error::file(path, what, "write the file again");
-    let grid = window.grid(&entry.grid).map_err(fault)?;
-    let mut volume = Volume::new(grid, voxels, rescale, &entry.format).map_err(fault)?;
+    let mut volume = window.grid(&entry.grid).and_then(make).map_err(fault)?;
     warnings.extend(window.note());
     volume.num_frames = entry.num_frames;
     volume.modality = entry.modality;
     volume.description.clone_from(&entry.title);
     volume.warnings = warnings;
     Ok(volume)
+}
+
+/// The numbers of a volume as structures.
+fn labels_of(path: &Path, volume: &Volume) -> Result<Vec<LabelMap>> {
+    let remedy = "open it as a volume, or save it with an integer type";
+    Ok(vec![LabelMap::from_volume(volume).map_err(|what| Error::file(path, what, remedy))?])
 }
 
 /// The grid, with the fault as a sentence about the file.
