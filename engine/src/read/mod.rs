@@ -7,12 +7,15 @@
 
 pub mod metaimage;
 pub mod nifti;
+pub mod npy;
 pub mod nrrd;
 mod parts;
 pub mod raw;
+mod slices;
 mod stream;
 #[cfg(test)]
 mod testing;
+pub mod tiff;
 pub mod window;
 
 use std::path::Path;
@@ -110,8 +113,14 @@ pub trait VolumeReader: Sync {
 pub const HEAD_BYTES: usize = 4096;
 
 /// The formats, asked in this order.
-static READERS: [&dyn VolumeReader; 4] =
-    [&nifti::NiftiReader, &nrrd::NrrdReader, &metaimage::MetaImageReader, &raw::RawReader];
+static READERS: [&dyn VolumeReader; 6] = [
+    &nifti::NiftiReader,
+    &nrrd::NrrdReader,
+    &metaimage::MetaImageReader,
+    &tiff::TiffReader,
+    &npy::NpyReader,
+    &raw::RawReader,
+];
 
 /// Reads a volume from a file or folder of any known format.
 ///
@@ -194,13 +203,7 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
 /// A format of the field that has no reader yet.
 fn not_read_yet(path: &Path, head: &[u8]) -> Option<&'static str> {
     let named = |extensions: &[&str]| extensions.iter().any(|e| has_extension(path, e));
-    if head.get(128..132) == Some(b"DICM") || named(&["dcm", "dicom", "ima"]) {
-        Some("DICOM")
-    } else if head.starts_with(b"II*\0") || head.starts_with(b"MM\0*") || named(&["tif", "tiff"]) {
-        Some("TIFF")
-    } else {
-        None
-    }
+    if head.get(128..132) == Some(b"DICM") || named(&["dcm", "dicom", "ima"]) { Some("DICOM") } else { None }
 }
 
 /// The program behind a compressed file that is not gzip, from its first bytes.

@@ -81,8 +81,11 @@ pub enum Endian {
 }
 
 impl Endian {
+    /// The machine's.
+    pub const NATIVE: Self = if cfg!(target_endian = "little") { Self::Little } else { Self::Big };
+
     fn is_native(self) -> bool {
-        (self == Self::Little) == cfg!(target_endian = "little")
+        self == Self::NATIVE
     }
 }
 
@@ -712,6 +715,65 @@ impl<R: Read> Read for PickedBytes<R> {
             filled += n;
         }
         Ok(filled)
+    }
+}
+
+/// The magnitudes of complex numbers (real part, imaginary part), for [`Read`]: in the type of the parts, in the machine's
+/// byte order.
+pub struct Magnitudes<R> {
+    reader: R,
+    element: ElementType,
+    endian: Endian,
+    bytes: Vec<u8>,
+    position: usize,
+}
+
+impl<R: Read> Magnitudes<R> {
+    /// Takes pairs of `element`, F32 or F64, from where `reader` stands.
+    pub fn new(reader: R, element: ElementType, endian: Endian) -> Self {
+        Self { reader, element, endian, bytes: Vec::new(), position: 0 }
+    }
+
+    fn refill(&mut self) -> io::Result<()> {
+        let mut pairs = vec![0; CHUNK_BYTES];
+        let got = read_full(&mut self.reader, &mut pairs)?;
+        self.bytes.clear();
+        self.position = 0;
+        let size = self.element.num_bytes();
+        for pair in pairs[..got].chunks_exact(2 * size) {
+            let (real, imaginary) = pair.split_at(size);
+            if size == 4 {
+                let magnitude = self.part(real).hypot(self.part(imaginary)) as f32;
+                self.bytes.extend(magnitude.to_ne_bytes());
+            } else {
+                self.bytes.extend(self.part(real).hypot(self.part(imaginary)).to_ne_bytes());
+            }
+        }
+        Ok(())
+    }
+
+    fn part(&self, bytes: &[u8]) -> f64 {
+        let mut little = [0; 8];
+        little[..bytes.len()].copy_from_slice(bytes);
+        if self.endian == Endian::Big {
+            little[..bytes.len()].reverse();
+        }
+        match bytes.len() {
+            4 => f64::from(f32::from_le_bytes([little[0], little[1], little[2], little[3]])),
+            _ => f64::from_le_bytes(little),
+        }
+    }
+}
+
+impl<R: Read> Read for Magnitudes<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.position == self.bytes.len() {
+            self.refill()?;
+        }
+        let n = buffer.len().min(self.bytes.len() - self.position);
+        buffer[..n].copy_from_slice(&self.bytes[self.position..self.position + n]);
+        self.position += n;
+        Ok(n)
     }
 }
 
