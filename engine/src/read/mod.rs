@@ -5,6 +5,7 @@
 //! header that shall get its own sentence). Every reader delivers RAS millimeters, voxels in the stored type,
 //! and checks sizes against the file before it allocates.
 
+pub mod image_folder;
 pub mod metaimage;
 pub mod nifti;
 pub mod npy;
@@ -113,12 +114,13 @@ pub trait VolumeReader: Sync {
 pub const HEAD_BYTES: usize = 4096;
 
 /// The formats, asked in this order.
-static READERS: [&dyn VolumeReader; 6] = [
+static READERS: [&dyn VolumeReader; 7] = [
     &nifti::NiftiReader,
     &nrrd::NrrdReader,
     &metaimage::MetaImageReader,
     &tiff::TiffReader,
     &npy::NpyReader,
+    &image_folder::ImageFolderReader,
     &raw::RawReader,
 ];
 
@@ -190,8 +192,13 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
         ));
     }
     READERS.iter().copied().find(|r| r.extensions().iter().any(|e| has_extension(path, e))).ok_or_else(|| {
-        let formats: Vec<_> =
-            READERS.iter().map(|r| format!("{} (.{})", r.name(), r.extensions().join(", ."))).collect();
+        let formats: Vec<_> = READERS
+            .iter()
+            .map(|r| match r.extensions() {
+                [] => r.name().to_owned(),
+                extensions => format!("{} (.{})", r.name(), extensions.join(", .")),
+            })
+            .collect();
         Error::file(
             path,
             format!("this is no volume in a format that Fabrica reads: {}", formats.join(", ")),
