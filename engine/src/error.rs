@@ -3,6 +3,10 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::read::Entry;
+use crate::read::limits::TooLarge;
+use crate::read::raw::{self, RawLayout};
+
 /// Result of an engine call.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -20,6 +24,25 @@ pub enum Error {
         /// Where.
         path: PathBuf,
     },
+    /// A folder or file holds several volumes and none of them was chosen.
+    #[error("it holds {} volumes: {}; choose one with --series ({})", entries.len(), in_words(entries), path.display())]
+    Several {
+        /// Where.
+        path: PathBuf,
+        /// What there is.
+        entries: Vec<Entry>,
+    },
+    /// Plain voxels whose layout was not given.
+    #[error("a raw file does not say how its voxels lie; {} ({})", layout_remedy(guess.as_deref()), path.display())]
+    NeedsLayout {
+        /// Where.
+        path: PathBuf,
+        /// What name and size of the file speak of.
+        guess: Option<Box<RawLayout>>,
+    },
+    /// A volume takes more than it may.
+    #[error("{0}")]
+    TooLarge(Box<TooLarge>),
     /// The adapter cannot do what the scene asks for, or there is none.
     #[error("{what}; {remedy}")]
     Gpu {
@@ -39,6 +62,23 @@ pub enum Error {
     /// The user stopped the work.
     #[error("cancelled")]
     Cancelled,
+}
+
+/// The volumes there are, numbered; of many the first ones.
+fn in_words(entries: &[Entry]) -> String {
+    const MOST: usize = 8;
+    let mut words: Vec<_> = (1..).zip(entries).take(MOST).map(|(i, e)| format!("{i}: {}", e.in_words())).collect();
+    if entries.len() > MOST {
+        words.push("...".to_owned());
+    }
+    words.join("; ")
+}
+
+fn layout_remedy(guess: Option<&RawLayout>) -> String {
+    match guess {
+        Some(layout) => format!("add the layout, by its name and size: --raw {layout}"),
+        None => format!("add the layout: {}", raw::EXAMPLE),
+    }
 }
 
 impl Error {

@@ -4,3 +4,4 @@
 pub mod cli;
 pub mod editor;
 pub mod figure;
+mod memory;

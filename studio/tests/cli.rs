@@ -204,6 +204,13 @@ fn faults_are_one_sentence_and_leave_nothing() {
         (vec!["inspect", "block.raw"], 1, "--raw"),
         (vec!["inspect", "block.raw", "--raw", "9x9x9xuint8"], 1, "512"),
         (vec!["inspect", "block.raw", "--raw", "nonsense"], 2, "nonsense"),
+        (
+            vec!["inspect", "block.raw", "--raw", "8x8x8xuint8", "--crop", "0:9x0:8x0:8"],
+            1,
+            "no part of the volume's 0..8",
+        ),
+        (vec!["inspect", "block.raw", "--raw", "8x8x8xuint8", "--memory", "1e-6"], 1, "--reduce 2x2x1"),
+        (vec!["inspect", "block.raw", "--reduce", "0"], 2, "2x2x1"),
         (vec!["measure", "nowhere.json"], 1, "nowhere.json"),
         (vec!["measure", "figure.json", "--plot", "a.pdf"], 2, ".svg or .png"),
         (vec!["measure", "figure.json", "--plot", "no/such/a.svg"], 1, "create it first"),
@@ -247,6 +254,18 @@ fn inspect_schema_and_adapters_speak_json() {
     let specimen = json(&["inspect", "specimen:head@32", "--json"]);
     assert_eq!(specimen["modality"], "ct");
     assert!(specimen["structures"].to_string().contains("skull"));
+    let part = ["--raw", "8x8x8xuint8", "--crop", "0:4x0:8x0:8", "--reduce", "2"];
+    let part = json(&[&["inspect", "block.raw", "--json"], &part[..]].concat());
+    assert_eq!(
+        (&part["dims"], &part["spacing_mm"]),
+        (&serde_json::json!([2, 4, 4]), &serde_json::json!([2.0, 2.0, 2.0]))
+    );
+    assert!(part["warnings"].to_string().contains("2 x 4 x 4 were loaded (a part, reduced)"));
+    let list = json(&["inspect", "block.raw", "--raw", "8x8x8xuint8", "--list", "--json"]);
+    assert_eq!(
+        (&list[0]["number"], &list[0]["bytes"], &list[0]["adapter_bytes"]),
+        (&1.into(), &512.into(), &3072.into())
+    );
     let schema = json(&["schema"]);
     assert!(schema["properties"]["objects"].is_object() && schema["required"].to_string().contains("fabrica"));
     assert!(json(&["styles", "--json"]).as_array().unwrap().len() >= 8);
@@ -254,6 +273,52 @@ fn inspect_schema_and_adapters_speak_json() {
     assert_eq!(adapters[0]["kind"], "software");
     let words = place.run(&["inspect", "block.raw", "--raw", "8x8x8xuint8"]);
     assert!(String::from_utf8(words.stdout).unwrap().contains("orientation RAS"));
+}
+
+#[test]
+fn inspect_lists_the_structures_of_label_maps() {
+    let place = Place::new();
+    // 4 x 1 x 1 voxels of 10 mm: nothing, 1, 1, 2; and another two, further on.
+    let segmentation = |origin: &str| {
+        format!(
+            "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 1 1\nspace: RAS\nspace directions: (10,0,0) (0,10,0) (0,0,10)\n\
+             space origin: ({origin},0,0)\nencoding: ascii\nSegment0_Name:=left\u{1b} lung\nSegment0_LabelValue:=1\n\
+             Segment0_Color:=1 0 0.5\nSegment1_Name:=heart\nSegment1_LabelValue:=2\nSegment2_Name:=spleen\n\
+             Segment2_LabelValue:=3\n\n0 1 1 2\n"
+        )
+    };
+    std::fs::write(place.path("a.seg.nrrd"), segmentation("0")).unwrap();
+    std::fs::write(place.path("part.seg.nrrd"), segmentation("20")).unwrap();
+    std::fs::write(place.path("far.seg.nrrd"), segmentation("900")).unwrap();
+    std::fs::write(place.path("table.txt"), "1 Lung 10 20 30 0\n2 Heart 40 50 60 0\n").unwrap();
+    std::fs::write(place.path("scan.raw"), [100, 50, 70, 200]).unwrap();
+    let scan = ["inspect", "scan.raw", "--raw", "4x1x1xuint8,10x10x10"];
+    let json = |more: &[&str]| -> serde_json::Value {
+        let output = place.run(&[&scan[..], more, &["--json"]].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    assert!(json(&[]).get("structures").is_none());
+    let report = json(&["--labels", "a.seg.nrrd"]);
+    let lung = &report["structures"][0];
+    assert_eq!((&lung["id"], &lung["color"], &lung["num_voxels"]), (&1.into(), &"#ff0080".into(), &2.into()));
+    assert_eq!((&lung["mean"], &lung["volume_ml"]), (&60.0.into(), &2.0.into()));
+    assert_eq!(report["structures"][2]["num_voxels"], 0);
+    let report = json(&["--labels", "part.seg.nrrd", "--label-table", "table.txt"]);
+    assert_eq!(report["structures"][0]["name"], "Lung");
+    assert_eq!(report["structures"][0]["color"], "#0a141e");
+    let notes = report["label_notes"].to_string();
+    assert!(notes.contains("Of 3 structures, 1 is not in the table: 3.") && notes.contains("66.7 %"), "{notes}");
+    assert!(
+        place.fails(&[&scan[..], &["--labels", "far.seg.nrrd"]].concat(), 1).contains("the label map lies elsewhere")
+    );
+    assert!(place.fails(&[&scan[..], &["--label-table", "scan.raw"]].concat(), 1).contains("no table of labels"));
+    // A label map alone, by what it says of itself and by what is said of it.
+    for arguments in [&["inspect", "a.seg.nrrd"][..], &["inspect", "a.seg.nrrd", "--labels"]] {
+        let words = String::from_utf8(place.run(arguments).stdout).unwrap();
+        assert!(words.contains("structures  2") && words.contains("empty       1: spleen"), "{words}");
+        assert!(words.contains("left  lung") && !words.contains('\u{1b}'), "{words}");
+    }
 }
 
 #[test]
@@ -270,6 +335,10 @@ fn help_names_every_option() {
                 "--volume",
                 "--raw",
                 "--frame",
+                "--series",
+                "--crop",
+                "--reduce",
+                "--memory",
                 "--size",
                 "--dpi",
                 "--background",
@@ -280,8 +349,22 @@ fn help_names_every_option() {
                 "--budget-ms",
             ],
         ),
-        (vec!["inspect", "--help"], vec!["--json", "--raw"]),
-        (vec!["template", "--help"], vec!["--raw", "--frame", "--out"]),
+        (
+            vec!["inspect", "--help"],
+            vec![
+                "--json",
+                "--raw",
+                "--series",
+                "--frame",
+                "--crop",
+                "--reduce",
+                "--memory",
+                "--list",
+                "--labels",
+                "--label-table",
+            ],
+        ),
+        (vec!["template", "--help"], vec!["--raw", "--series", "--frame", "--crop", "--reduce", "--memory", "--out"]),
         (
             vec!["measure", "--help"],
             vec!["--volume", "--raw", "--frame", "--size", "--frames", "--adapter", "--json", "--plot"],

@@ -583,6 +583,112 @@ fn a_missing_volume_is_found_again() {
     assert!(harness.query_by_label("Search the figure's folder").is_none());
 }
 
+/// A NRRD file of bytes whose frames hold 10, 20, ... in a ball.
+fn frames(place: &Place, name: &str, num_frames: usize) -> PathBuf {
+    let header = format!("NRRD0004\ntype: uint8\ndimension: 4\nsizes: 16 16 16 {num_frames}\nencoding: raw\n\n");
+    let ball = std::fs::read(place.path("ball.raw")).unwrap();
+    let voxels = (1..=num_frames).flat_map(|f| ball.iter().map(move |v| v / 10 * f as u8).collect::<Vec<u8>>());
+    let path = place.path(name);
+    std::fs::write(&path, header.bytes().chain(voxels).collect::<Vec<u8>>()).unwrap();
+    path
+}
+
+#[test]
+fn plain_voxels_ask_for_their_layout_which_the_name_may_tell() {
+    let place = Place::with_ball();
+    let path = place.path("ball_16x16x16_uint8.raw");
+    std::fs::rename(place.path("ball.raw"), &path).unwrap();
+    let mut harness = harness(Some(path));
+    settle(&mut harness);
+    assert!(harness.query_by_label("How do the voxels lie?").is_some());
+    assert!(harness.unnamed_widgets().is_empty());
+    // What cannot be is said at once, and nothing can be opened.
+    click_on(&mut harness, "Layout");
+    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    harness.event(Event::Text("16x16xuint8".to_owned()));
+    harness.step();
+    assert!(harness.query_by_label_contains("has no three sizes").is_some());
+    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    harness.event(Event::Text("16x16x16xuint8,2".to_owned()));
+    harness.step();
+    click_on(&mut harness, "Open");
+    settle(&mut harness);
+    assert_eq!(editor(&harness).banner(), None);
+    assert_eq!(figure(&harness).volumes[0].raw.as_deref(), Some("16x16x16xuint8,2x2x2,little"));
+}
+
+#[test]
+fn frames_are_chosen_and_undone() {
+    let place = Place::with_ball();
+    let mut harness = harness(Some(frames(&place, "beating.nrrd", 5)));
+    settle(&mut harness);
+    assert_eq!(figure(&harness).volumes[0].frame, 0);
+    click_on(&mut harness, "Frame");
+    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    harness.event(Event::Text("4".to_owned()));
+    harness.step();
+    harness.key_press(Key::Enter);
+    harness.step();
+    harness.step();
+    settle(&mut harness);
+    assert_eq!(figure(&harness).volumes[0].frame, 3);
+    run(&mut harness, UiCommand::Undo);
+    settle(&mut harness);
+    assert_eq!(figure(&harness).volumes[0].frame, 0);
+    assert_eq!(editor(&harness).banner(), None);
+}
+
+#[test]
+fn a_part_of_a_volume_is_loaded_and_the_figure_says_so() {
+    let place = Place::with_ball();
+    let mut harness = harness(Some(frames(&place, "beating.nrrd", 1)));
+    settle(&mut harness);
+    run(&mut harness, UiCommand::ReadOtherwise);
+    settle(&mut harness);
+    assert!(harness.query_by_label("What is loaded").is_some());
+    click_on(&mut harness, "Part and resolution");
+    // It unfolds.
+    (0..30).for_each(|_| harness.step());
+    for (label, typed) in [("End along x", "8"), ("Reduction along z", "2")] {
+        click_on(&mut harness, label);
+        harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+        harness.event(Event::Text(typed.to_owned()));
+        harness.step();
+        harness.key_press(Key::Enter);
+        harness.step();
+    }
+    assert!(harness.query_by_label_contains("8 x 16 x 8 voxels of 1 x 1 x 2 mm").is_some());
+    click_on(&mut harness, "Open");
+    settle(&mut harness);
+    let slot = figure(&harness).volumes[0].clone();
+    assert_eq!((slot.crop, slot.reduce), (Some([[0, 8], [0, 16], [0, 16]]), Some([1, 1, 2])));
+    assert!(harness.query_by_label_contains("8 x 16 x 8 were loaded").is_some(), "the window does not say it");
+    run(&mut harness, UiCommand::Undo);
+    assert_eq!(figure(&harness).volumes[0].crop, None);
+}
+
+#[test]
+fn what_is_larger_than_the_memory_is_offered_in_part() {
+    let place = Place::new();
+    let path = place.path("huge.nrrd");
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 16384 16384 4096\nencoding: raw\n\n";
+    std::fs::write(&path, header).unwrap();
+    // The disk keeps none of these zeros.
+    let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+    file.set_len((1 << 40) + header.len() as u64).unwrap();
+    let mut harness = harness(Some(path));
+    settle(&mut harness);
+    assert!(harness.query_by_label("Load less of it?").is_some());
+    // What is proposed fits.
+    assert!(harness.query_by_label("Open all the same").is_none() && harness.query_by_label("Open").is_some());
+    click_on(&mut harness, "All of it");
+    assert!(harness.query_by_label("Open all the same").is_some());
+    click_on(&mut harness, "Reduce until it fits");
+    assert!(harness.query_by_label("Open all the same").is_none());
+    click_on(&mut harness, "Cancel");
+    assert!(harness.query_by_label("Load less of it?").is_none() && editor(&harness).document().is_none());
+}
+
 #[test]
 fn a_picture_can_be_stopped_and_gone_on_with() {
     let place = Place::with_ball();

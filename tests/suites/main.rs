@@ -4,6 +4,7 @@
 
 mod estimate;
 mod extremes;
+mod labels;
 mod orientation;
 mod pipelines;
 mod raycast;

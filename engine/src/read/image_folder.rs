@@ -12,11 +12,9 @@ use glam::DVec3;
 use super::slices::{self, PixelKind};
 use super::stream::{self, ElementType};
 use super::tiff;
-use super::window::Averaging;
-use super::{Entry, ReadOptions, VolumeReader, check_frame, grid_of, has_extension, labels_of};
+use super::{Entry, ReadOptions, VolumeReader, check_frame, grid_of, has_extension};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::volume::labels::LabelMap;
 use crate::volume::{Modality, Rescale, Volume};
 
 /// Reads folders of images.
@@ -36,11 +34,7 @@ impl VolumeReader for ImageFolderReader {
     }
 
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
-        Stack::open(path, progress)?.read(path, options, Averaging::Mean, progress)
-    }
-
-    fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
-        labels_of(path, &Stack::open(path, progress)?.read(path, options, Averaging::Nearest, progress)?)
+        Stack::open(path, progress)?.read(path, options, progress)
     }
 }
 
@@ -130,14 +124,14 @@ impl Stack {
         Ok(Self { entry, files, kind: wanted.kind, warnings })
     }
 
-    fn read(self, path: &Path, options: &ReadOptions, averaging: Averaging, progress: &Progress) -> Result<Volume> {
+    fn read(self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
         check_frame(path, options.frame, 1)?;
         let Self { entry, files, kind, warnings } = self;
         let decode = |z: usize| {
             let file = &files[z];
             if has_extension(file, "png") { read_png(file) } else { tiff::read_slice(file, progress) }
         };
-        slices::read(path, &entry, kind, Rescale::IDENTITY, warnings, options, averaging, progress, decode)
+        slices::read(path, &entry, kind, Rescale::IDENTITY, warnings, options, progress, decode)
     }
 }
 

@@ -13,12 +13,9 @@ use glam::{DAffine3, DMat3, DVec3};
 use super::parts::{self, Part, Parts};
 use super::stream::{self, ByteSource, ElementType, Endian, Pick, PickedBytes, VoxelRequest};
 use super::window::Averaging;
-use super::{
-    Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, labels_of, volume_of,
-};
+use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, volume_of};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::volume::labels::LabelMap;
 use crate::volume::{Modality, Rescale, Volume};
 
 /// A header longer than this is none; lists of files are the longest.
@@ -53,11 +50,7 @@ impl VolumeReader for MetaImageReader {
     }
 
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
-        Opened::open(path, progress)?.read(path, options, Averaging::Mean, progress)
-    }
-
-    fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
-        labels_of(path, &Opened::open(path, progress)?.read(path, options, Averaging::Nearest, progress)?)
+        Opened::open(path, progress)?.read(path, options, progress)
     }
 }
 
@@ -125,7 +118,7 @@ impl Opened {
         Ok(Self { entry, element, endian, num_channels, is_color, source, rescale, warnings })
     }
 
-    fn read(self, path: &Path, options: &ReadOptions, averaging: Averaging, progress: &Progress) -> Result<Volume> {
+    fn read(self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
         let Self { entry, element, endian, num_channels, is_color, source, rescale, warnings } = self;
         check_frame(path, options.frame, entry.num_frames)?;
         let window = options.window.on(path, entry.grid.dims())?;
@@ -141,7 +134,7 @@ impl Opened {
             Pick { first, run: 1, period: num_channels, count }
         };
         let is_size_checked = matches!(&source, Source::Binary(parts) if !parts.is_compressed());
-        let request = VoxelRequest { element, endian, window, averaging, is_size_checked };
+        let request = VoxelRequest { element, endian, window, averaging: Averaging::Mean, is_size_checked };
         let end = (first - channel + count as u64 * num_channels) * size;
         progress.begin("reading", if matches!(source, Source::Text(_)) { 0 } else { end });
         let fill = |voxels| volume_of(path, &entry, window, voxels, rescale, warnings.clone());

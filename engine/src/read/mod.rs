@@ -6,6 +6,9 @@
 //! and checks sizes against the file before it allocates.
 
 pub mod image_folder;
+pub mod label_table;
+pub mod limits;
+pub mod mask_folder;
 pub mod metaimage;
 pub mod nifti;
 pub mod npy;
@@ -29,6 +32,7 @@ use crate::spaces::Grid;
 use crate::volume::labels::LabelMap;
 use crate::volume::{Modality, Rescale, Volume, Voxels};
 
+use limits::Limits;
 use stream::ByteSource;
 use window::Window;
 
@@ -44,6 +48,8 @@ pub struct ReadOptions {
     pub series: Option<String>,
     /// Which part of it, and how finely.
     pub window: Window,
+    /// What it may take.
+    pub limits: Limits,
 }
 
 /// A volume that a file or folder offers, as far as headers tell.
@@ -70,6 +76,23 @@ pub struct Entry {
     pub num_files: usize,
     /// Whether the file says that its numbers are names of structures.
     pub is_labels: bool,
+}
+
+impl Entry {
+    /// One line for people: "CT Abdomen 5.0, 512 x 512 x 110, 0.78 x 0.78 x 5 mm".
+    pub fn in_words(&self) -> String {
+        let [x, y, z] = self.grid.dims();
+        let spacing = self.grid.spacing_mm();
+        let short = |mm: f64| {
+            let text = format!("{mm:.3}");
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        };
+        let named = [self.modality.abbreviation(), &self.title].join(" ");
+        let frames = if self.num_frames > 1 { format!(", {} frames", self.num_frames) } else { String::new() };
+        let size = format!("{x} x {y} x {z}, {} x {} x {} mm", short(spacing.x), short(spacing.y), short(spacing.z));
+        let named = named.trim();
+        if named.is_empty() { format!("{size}{frames}") } else { format!("{named}, {size}{frames}") }
+    }
 }
 
 /// A file format, or a way in which volumes lie in a folder.
@@ -106,7 +129,7 @@ pub trait VolumeReader: Sync {
     /// # Errors
     /// As [`VolumeReader::read`], and for voxels that are no integers.
     fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
-        labels_of(path, &self.read(path, options, progress)?)
+        numbers_as_labels(self, path, options, progress)
     }
 }
 
@@ -114,12 +137,13 @@ pub trait VolumeReader: Sync {
 pub const HEAD_BYTES: usize = 4096;
 
 /// The formats, asked in this order.
-static READERS: [&dyn VolumeReader; 7] = [
+static READERS: [&dyn VolumeReader; 8] = [
     &nifti::NiftiReader,
     &nrrd::NrrdReader,
     &metaimage::MetaImageReader,
     &tiff::TiffReader,
     &npy::NpyReader,
+    &mask_folder::FolderReader,
     &image_folder::ImageFolderReader,
     &raw::RawReader,
 ];
@@ -133,9 +157,62 @@ static READERS: [&dyn VolumeReader; 7] = [
 /// damaged or holds no scalar volume, or there is no such frame; [`Error::Cancelled`] on request.
 pub fn read_volume(path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
     progress.check()?;
-    let mut volume = reader_for(path, options)?.read(path, options, progress)?;
+    let reader = reader_for(path, options)?;
+    let entries = reader.survey(path, options, progress)?;
+    let (entry, note) = choose(path, &entries, options.series.as_deref())?;
+    options.limits.check(path, entry, options)?;
+    let series = (entries.len() > 1).then(|| entry.key.clone());
+    let mut volume = reader.read(path, &ReadOptions { series, ..options.clone() }, progress)?;
     volume.source = Some(path.to_owned());
+    volume.warnings.extend(note);
     Ok(volume)
+}
+
+/// The entry that `series` names (see [`ReadOptions::series`]); without it the only one, or the only one that is more than a few
+/// slices, with a note about the others.
+///
+/// # Errors
+/// [`Error::Several`] if there is more than one to choose from, [`Error::File`] if none is meant.
+pub fn choose<'a>(path: &Path, entries: &'a [Entry], series: Option<&str>) -> Result<(&'a Entry, Option<String>)> {
+    /// Localizers and single pictures have fewer slices.
+    const MIN_SLICES: usize = 4;
+    let several = || Error::Several { path: path.to_owned(), entries: entries.to_vec() };
+    let Some(wanted) = series.map(str::trim) else {
+        let [only] = entries else {
+            let mut volumes = entries.iter().filter(|e| e.grid.dims().iter().all(|n| *n >= MIN_SLICES));
+            return match (volumes.next(), volumes.next()) {
+                (Some(only), None) => {
+                    let n = entries.len() - 1;
+                    let others =
+                        if n == 1 { "1 other series lies".to_owned() } else { format!("{n} other series lie") };
+                    Ok((only, Some(format!("{others} beside it, of single pictures or few slices."))))
+                }
+                _ => Err(several()),
+            };
+        };
+        return Ok((only, None));
+    };
+    if let Some(exact) = entries.iter().find(|e| e.key == wanted) {
+        return Ok((exact, None));
+    }
+    if let Some(numbered) = wanted.parse::<usize>().ok().and_then(|n| entries.get(n.checked_sub(1)?)) {
+        return Ok((numbered, None));
+    }
+    let lower = wanted.to_lowercase();
+    let mut meant = entries.iter().filter(|e| [&e.key, &e.title].iter().any(|t| t.to_lowercase().contains(&lower)));
+    match (meant.next(), meant.next()) {
+        (Some(only), None) => Ok((only, None)),
+        (Some(_), Some(_)) => Err(several()),
+        (None, _) => {
+            let what = format!("there is no series \"{wanted}\" among its {}", entries.len());
+            Err(Error::file(path, what, "list them with `fabrica inspect`, and give a number or a part of the name"))
+        }
+    }
+}
+
+/// The last parts of the names of files that can be read, for dialogs; DICOM files have any, or none.
+pub fn extensions() -> Vec<&'static str> {
+    READERS.iter().flat_map(|reader| reader.extensions()).copied().chain(["gz"]).collect()
 }
 
 /// Lists the volumes of a file or folder without reading them.
@@ -192,13 +269,8 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
         ));
     }
     READERS.iter().copied().find(|r| r.extensions().iter().any(|e| has_extension(path, e))).ok_or_else(|| {
-        let formats: Vec<_> = READERS
-            .iter()
-            .map(|r| match r.extensions() {
-                [] => r.name().to_owned(),
-                extensions => format!("{} (.{})", r.name(), extensions.join(", .")),
-            })
-            .collect();
+        let of_files = READERS.iter().filter(|r| !r.extensions().is_empty());
+        let formats: Vec<_> = of_files.map(|r| format!("{} (.{})", r.name(), r.extensions().join(", ."))).collect();
         Error::file(
             path,
             format!("this is no volume in a format that Fabrica reads: {}", formats.join(", ")),
@@ -274,10 +346,33 @@ fn described(
     Ok(volume)
 }
 
-/// The numbers of a volume as structures.
-fn labels_of(path: &Path, volume: &Volume) -> Result<Vec<LabelMap>> {
+/// The numbers of an integer volume as structures.
+fn numbers_as_labels<R: VolumeReader + ?Sized>(
+    reader: &R,
+    path: &Path,
+    options: &ReadOptions,
+    progress: &Progress,
+) -> Result<Vec<LabelMap>> {
+    // Readers make means where several voxels become one, which numbers of structures have not.
+    let Window { crop, reduce } = options.window;
+    let exact = ReadOptions { window: Window { crop, ..Window::default() }, ..options.clone() };
+    let volume = reader.read(path, &exact, progress)?;
     let remedy = "open it as a volume, or save it with an integer type";
-    Ok(vec![LabelMap::from_volume(volume).map_err(|what| Error::file(path, what, remedy))?])
+    let labels = LabelMap::from_volume(&volume).map_err(|what| Error::file(path, what, remedy))?;
+    Ok(vec![window_labels(path, labels, Window { crop: None, reduce })?])
+}
+
+/// The part of a label map that `window` keeps: of voxels that become one, the label nearest to their middle.
+fn window_labels(path: &Path, labels: LabelMap, window: Window) -> Result<LabelMap> {
+    if window.is_whole() {
+        return Ok(labels);
+    }
+    let window = window.on(path, labels.grid.dims())?;
+    let grid = window.grid(&labels.grid).map_err(|what| Error::file(path, what, "write the file again"))?;
+    let mut voxels = window::Collector::new(window, window::Averaging::Nearest, path);
+    voxels.push(&labels.voxels)?;
+    let notes = labels.notes.into_iter().chain(window.note()).collect();
+    Ok(LabelMap { grid, voxels: voxels.finish(), notes, ..labels })
 }
 
 /// The grid, with the fault as a sentence about the file.
@@ -346,7 +441,7 @@ mod tests {
         assert!(folder.refusal("a.raw", &[7; 1024]).contains("--raw 256x256x128xuint16,0.5x0.5x1,big"));
         let none = read_volume(Path::new("/no/such.nii"), &ReadOptions::default(), &Progress::new()).unwrap_err();
         assert!(none.to_string().contains("no such file"), "{none}");
-        let here = read_volume(folder.path(), &ReadOptions::default(), &Progress::new()).unwrap_err();
+        let here = read_volume(Folder::new().path(), &ReadOptions::default(), &Progress::new()).unwrap_err();
         assert!(here.to_string().contains("this is a folder"), "{here}");
     }
 
@@ -401,6 +496,56 @@ mod tests {
         let bytes = NiftiFile::new(1, &halves, ElementType::F32, Endian::Little).bytes();
         let error = read_labels(&folder.write("b.nii", &bytes), &ReadOptions::default(), &Progress::new()).unwrap_err();
         assert!(error.to_string().contains("a voxel is 0.5, which numbers no structure"), "{error}");
+    }
+
+    #[test]
+    fn a_series_is_named_by_key_number_or_a_part_of_its_name() {
+        let entry = |title: &str, slices: usize| Entry {
+            key: format!("{title}, {slices}"),
+            title: title.to_owned(),
+            format: "DICOM".to_owned(),
+            modality: Modality::Ct,
+            grid: Grid::new([8, 8, slices], DAffine3::IDENTITY).unwrap(),
+            type_name: "int16",
+            bytes_per_voxel: 2,
+            num_frames: 1,
+            num_files: slices,
+            is_labels: false,
+        };
+        let path = Path::new("a");
+        let entries = [entry("Scout", 1), entry("Abdomen 5.0", 60), entry("Abdomen 2.0", 150)];
+        let chosen = |series: &str| choose(path, &entries, Some(series)).map(|(e, _)| e.title.clone());
+        assert_eq!(chosen("Abdomen 5.0, 60").unwrap(), "Abdomen 5.0");
+        assert_eq!(chosen("3").unwrap(), "Abdomen 2.0");
+        assert_eq!(chosen(" scout").unwrap(), "Scout");
+        let error = chosen("abdomen").unwrap_err().to_string();
+        assert!(
+            error.contains("it holds 3 volumes: 1: CT Scout, 8 x 8 x 1, 1 x 1 x 1 mm; 2: CT Abdomen 5.0"),
+            "{error}"
+        );
+        assert!(chosen("4").unwrap_err().to_string().contains("there is no series \"4\" among its 3"));
+        assert!(matches!(choose(path, &entries, None), Err(Error::Several { .. })));
+        let (only, note) = choose(path, &entries[..2], None).unwrap();
+        assert_eq!(only.title, "Abdomen 5.0");
+        assert_eq!(note.unwrap(), "1 other series lies beside it, of single pictures or few slices.");
+        assert_eq!(choose(path, &entries[..1], None).unwrap().0.title, "Scout");
+    }
+
+    #[test]
+    fn what_takes_too_much_is_not_read() {
+        let folder = Folder::new();
+        let bytes = NiftiFile::new(1, &Phantom::oriented("RAS"), ElementType::I16, Endian::Little).bytes();
+        let path = folder.write("a.nii", &bytes);
+        let limits = Limits { bytes: Some(200), edge: None };
+        let options = ReadOptions { limits, ..ReadOptions::default() };
+        let Err(Error::TooLarge(fault)) = read_volume(&path, &options, &Progress::new()) else { panic!("was read") };
+        let sentence = fault.to_string();
+        assert!(
+            sentence.contains("its 5 x 4 x 3 voxels take 480 bytes of memory, and it may take 200 bytes"),
+            "{sentence}"
+        );
+        let fitting = ReadOptions { window: fault.fitting, ..options };
+        assert_eq!(read_volume(&path, &fitting, &Progress::new()).unwrap().grid.num_voxels(), 24);
     }
 
     #[test]

@@ -4,6 +4,8 @@
 //! qform, else the voxel sizes; NIfTI's world is RAS already. Standard: nifti1.h and nifti2.h (nifti.nimh.nih.gov).
 //! Analyze has no world: x is taken as left, as SPM does, and its `originator`, if it is a voxel, as the origin.
 
+mod labels;
+
 use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat3, DVec3};
@@ -11,12 +13,12 @@ use glam::{DAffine3, DMat3, DVec3};
 use super::stream::{self, ByteSource, ElementType, Endian, Magnitudes, VoxelRequest};
 use super::window::Averaging;
 use super::{
-    Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, labels_of, volume_of,
+    Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, numbers_as_labels, volume_of,
 };
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::spaces::Grid;
-use crate::volume::labels::LabelMap;
+use crate::volume::labels::{LabelMap, LabelTable};
 use crate::volume::{Modality, Rescale, Volume};
 
 /// Reads NIfTI-1, NIfTI-2 and NIfTI pairs.
@@ -40,11 +42,16 @@ impl VolumeReader for NiftiReader {
     }
 
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
-        Opened::open(path)?.read(path, options, Averaging::Mean, progress)
+        Opened::open(path)?.read(path, options, progress)
     }
 
     fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
-        labels_of(path, &Opened::open(path)?.read(path, options, Averaging::Nearest, progress)?)
+        let mut layers = numbers_as_labels(self, path, options, progress)?;
+        if let Some(table) = Opened::open(path)?.label_table {
+            // What the file's own table lacks has a number and is no news.
+            layers.iter_mut().for_each(|layer| drop(layer.name_by(&table)));
+        }
+        Ok(layers)
     }
 }
 
@@ -80,6 +87,8 @@ struct Opened {
     source: ByteSource,
     warnings: Vec<String>,
     rescale: Rescale,
+    /// Names and colors of a label map.
+    label_table: Option<LabelTable>,
 }
 
 impl Opened {
@@ -130,6 +139,7 @@ impl Opened {
         let end = stream::size_bytes(&all, element).and_then(|n| n.checked_add(data_start)).ok_or_else(absurd)?;
         let source = ByteSource::open(&data_path)?;
         source.check_holds(end)?;
+        let label_table = labels::table(&data_path, &header, data_start);
         let entry = Entry {
             key: String::new(),
             title: String::new(),
@@ -144,14 +154,14 @@ impl Opened {
             bytes_per_voxel: if matches!(content, Content::Color(_)) { 6 } else { element.num_bytes() },
             num_frames: usize::try_from(shape.num_frames).unwrap_or(usize::MAX),
             num_files: 1 + usize::from(header.is_pair),
-            // NIFTI_INTENT_LABEL and NIFTI_INTENT_NEURONAME.
-            is_labels: matches!(header.intent_code, 1002 | 1005) && matches!(content, Content::Number(_)),
+            is_labels: matches!(content, Content::Number(_))
+                && (label_table.is_some() || labels::is_intent(&header, &head)),
         };
-        Ok(Self { header, entry, content, data_path, data_start, source, warnings, rescale })
+        Ok(Self { header, entry, content, data_path, data_start, source, warnings, rescale, label_table })
     }
 
-    fn read(self, path: &Path, options: &ReadOptions, averaging: Averaging, progress: &Progress) -> Result<Volume> {
-        let Self { header, entry, content, data_path, data_start, mut source, warnings, rescale } = self;
+    fn read(self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
+        let Self { header, entry, content, data_path, data_start, mut source, warnings, rescale, .. } = self;
         check_frame(path, options.frame, entry.num_frames)?;
         let window = options.window.on(path, entry.grid.dims())?;
         let (element, num_parts) = content.parts();
@@ -160,6 +170,7 @@ impl Opened {
         progress.begin("reading", frame_start + frame_bytes);
         source.skip(frame_start, progress)?;
         let endian = header.endian;
+        let averaging = if entry.is_labels { Averaging::Nearest } else { Averaging::Mean };
         let request = VoxelRequest { element, endian, window, averaging, is_size_checked: !source.is_gzip() };
         if let Content::Color(num_channels) = content {
             let colors = stream::read_colors(&mut source, num_channels, window, &data_path, progress)?;
@@ -185,7 +196,6 @@ struct Layout {
     num_bytes: usize,
     magic: usize,
     dim: usize,
-    intent_code: usize,
     datatype: usize,
     pixdim: usize,
     vox_offset: usize,
@@ -205,7 +215,6 @@ impl Layout {
         num_bytes: 348,
         magic: 344,
         dim: 40,
-        intent_code: 68,
         datatype: 70,
         pixdim: 76,
         vox_offset: 108,
@@ -223,7 +232,6 @@ impl Layout {
         num_bytes: 540,
         magic: 4,
         dim: 16,
-        intent_code: 504,
         datatype: 12,
         pixdim: 104,
         vox_offset: 168,
@@ -266,7 +274,6 @@ struct Header {
     analyze: Option<Analyze>,
     endian: Endian,
     dim: [i64; 8],
-    intent_code: i64,
     datatype: i64,
     pixdim: [f64; 8],
     vox_offset: f64,
@@ -387,7 +394,6 @@ impl Header {
                 .then(|| Analyze { orient: head[252], originator: std::array::from_fn(|i| f.i16(253 + 2 * i)) }),
             endian,
             dim: std::array::from_fn(|i| f.size(layout.dim, i)),
-            intent_code: if is_analyze { 0 } else { f.code(layout.intent_code) },
             datatype: f.i16(layout.datatype),
             pixdim: std::array::from_fn(|i| f.real(layout.pixdim, i)),
             vox_offset: if is_wide { f.size(layout.vox_offset, 0) as f64 } else { f.real(layout.vox_offset, 0) },
@@ -958,21 +964,6 @@ mod tests {
                 assert!(volume.warnings.join(" ").contains("the magnitude is shown"));
                 let short = &file.bytes()[..file.bytes().len() - 1];
                 assert!(folder.refusal("a.nii", short).contains("ends after"));
-            }
-        }
-    }
-
-    #[test]
-    fn an_intent_of_labels_is_told() {
-        let folder = Folder::new();
-        for (version, at, wide) in [(1, 68, 2), (2, 504, 4)] {
-            let mut bytes =
-                NiftiFile::new(version, &Phantom::oriented("RAS"), ElementType::I16, Endian::Little).bytes();
-            for (code, is_labels) in [(1002_u32, true), (1005, true), (0, false), (1001, false)] {
-                bytes[at..at + wide].copy_from_slice(&code.to_le_bytes()[..wide]);
-                let path = folder.write("a.nii", &bytes);
-                let entries = NiftiReader.survey(&path, &ReadOptions::default(), &Progress::new()).unwrap();
-                assert_eq!(entries[0].is_labels, is_labels, "{code}");
             }
         }
     }

@@ -12,12 +12,9 @@ use glam::DVec3;
 use super::slices::{self, PixelKind};
 use super::stream::{self, ByteSource, ElementType, Endian, Magnitudes, VoxelRequest};
 use super::window::Averaging;
-use super::{
-    Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, labels_of, volume_of,
-};
+use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, volume_of};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::volume::labels::LabelMap;
 use crate::volume::{Modality, Rescale, Volume};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -46,11 +43,7 @@ impl VolumeReader for NpyReader {
     }
 
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
-        Opened::open(path)?.read(path, options, Averaging::Mean, progress)
-    }
-
-    fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
-        labels_of(path, &Opened::open(path)?.read(path, options, Averaging::Nearest, progress)?)
+        Opened::open(path)?.read(path, options, progress)
     }
 }
 
@@ -163,7 +156,7 @@ impl Opened {
         Ok(Self { entry, kind, is_complex, endian, source, warnings })
     }
 
-    fn read(self, path: &Path, options: &ReadOptions, averaging: Averaging, progress: &Progress) -> Result<Volume> {
+    fn read(self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
         let Self { entry, kind, is_complex, endian, mut source, warnings } = self;
         check_frame(path, options.frame, entry.num_frames)?;
         let window = options.window.on(path, entry.grid.dims())?;
@@ -182,7 +175,7 @@ impl Opened {
             return color_volume_of(path, &entry, window, colors, warnings);
         };
         let is_size_checked = !source.is_compressed();
-        let request = VoxelRequest { element, endian, window, averaging, is_size_checked };
+        let request = VoxelRequest { element, endian, window, averaging: Averaging::Mean, is_size_checked };
         let voxels = if is_complex {
             let mut magnitudes = Magnitudes::new(&mut source, element, endian);
             stream::read_voxels(&mut magnitudes, VoxelRequest { endian: Endian::NATIVE, ..request }, path, progress)?

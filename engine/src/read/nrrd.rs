@@ -3,6 +3,8 @@
 //! Format: teem.sourceforge.net/nrrd/format.html. A text header of `field: value` lines ends at an empty line.
 //! The patient spaces LPS and LAS become RAS; one axis that is not spatial (time, components) becomes frames.
 
+mod segments;
+
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
@@ -10,9 +12,12 @@ use glam::{DAffine3, DMat3, DVec3};
 
 use super::stream::{self, ByteSource, ElementType, Endian, HexBytes, Pick, PickedBytes, VoxelRequest};
 use super::window::{Averaging, OnGrid};
-use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of, volume_of};
+use super::{
+    Entry, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of, numbers_as_labels, volume_of, window_labels,
+};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::volume::labels::LabelMap;
 use crate::volume::{Modality, Rescale, Volume, Voxels};
 
 /// A header longer than this is none: the longest in the wild are segmentations with hundreds of entries.
@@ -42,8 +47,18 @@ impl VolumeReader for NrrdReader {
         let opened = Opened::open(path)?;
         check_frame(path, options.frame, opened.entry.num_frames)?;
         let window = options.window.on(path, opened.entry.grid.dims())?;
-        let (entry, voxels, warnings) = opened.read_frame(options.frame, window, Averaging::Mean, progress)?;
+        let averaging = if opened.entry.is_labels { Averaging::Nearest } else { Averaging::Mean };
+        let (entry, voxels, warnings) = opened.read_frame(options.frame, window, averaging, progress)?;
         volume_of(path, &entry, window, voxels, Rescale::IDENTITY, warnings)
+    }
+
+    fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
+        let opened = Opened::open(path)?;
+        if !opened.entry.is_labels {
+            return numbers_as_labels(self, path, options, progress);
+        }
+        let layers = segments::read(path, opened, progress)?;
+        layers.into_iter().map(|layer| window_labels(path, layer, options.window)).collect()
     }
 }
 
@@ -60,6 +75,8 @@ struct Opened {
     /// The data file from where the voxels begin.
     source: ByteSource,
     warnings: Vec<String>,
+    /// The header's keys that describe segments.
+    keys: Vec<(String, String)>,
 }
 
 impl Opened {
@@ -88,9 +105,10 @@ impl Opened {
             bytes_per_voxel: element.num_bytes(),
             num_frames: usize::try_from(axes.num_frames).unwrap_or(usize::MAX),
             num_files: 1 + usize::from(is_detached),
-            is_labels: false,
+            is_labels: !header.keys.is_empty(),
         };
-        Ok(Self { entry, axes, element, encoding, endian, data_path, skipped, source, warnings })
+        let keys = header.keys;
+        Ok(Self { entry, axes, element, encoding, endian, data_path, skipped, source, warnings, keys })
     }
 
     fn read_frame(
@@ -100,7 +118,7 @@ impl Opened {
         averaging: Averaging,
         progress: &Progress,
     ) -> Result<(Entry, Voxels, Vec<String>)> {
-        let Self { entry, axes, element, encoding, endian, data_path, skipped, mut source, warnings } = self;
+        let Self { entry, axes, element, encoding, endian, data_path, skipped, mut source, warnings, .. } = self;
         let pick = axes.pick(frame as u64, entry.grid.num_voxels());
         let element_bytes = element.num_bytes() as u64;
         let is_size_checked = encoding != Encoding::Gzip;
@@ -160,6 +178,8 @@ impl Encoding {
 /// The fields of a header by name (lower case, without blanks: `datafile` and `data file` are one), as text.
 struct Header {
     fields: Vec<(String, String)>,
+    /// Those of the user's own keys that describe segments, as they are written.
+    keys: Vec<(String, String)>,
     /// Where attached voxels begin.
     num_bytes: u64,
 }
@@ -220,7 +240,7 @@ impl Header {
         // A detached header may do without the empty line.
         let (text_end, num_bytes) = end.unwrap_or((bytes.len(), bytes.len()));
         let text = String::from_utf8_lossy(&bytes[..text_end]);
-        let mut fields = Vec::new();
+        let (mut fields, mut keys) = (Vec::new(), Vec::new());
         for line in text.lines().skip(1).map(str::trim) {
             if line.is_empty() || line.starts_with('#') {
                 continue;
@@ -234,7 +254,10 @@ impl Header {
                 ));
             };
             // `key:=value` is the user's own.
-            if value.starts_with('=') {
+            if let Some(value) = value.strip_prefix('=') {
+                if segments::is_of_segments(name) {
+                    keys.push((name.to_owned(), value.to_owned()));
+                }
                 continue;
             }
             let name: String = name.to_lowercase().split_whitespace().collect();
@@ -246,7 +269,7 @@ impl Header {
                 break;
             }
         }
-        Ok(Self { fields, num_bytes: num_bytes as u64 })
+        Ok(Self { fields, keys, num_bytes: num_bytes as u64 })
     }
 
     fn get(&self, name: &str) -> Option<&str> {

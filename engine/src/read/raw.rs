@@ -2,6 +2,7 @@
 //!
 //! World: the index axes are taken as right, anterior, superior (RAS), and the middle of the grid is the origin.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -15,7 +16,7 @@ use crate::progress::Progress;
 use crate::volume::{Modality, Rescale, Volume};
 
 /// How the layout is written, for messages.
-pub(super) const EXAMPLE: &str =
+pub const EXAMPLE: &str =
     "--raw 256x256x128xuint16,0.5x0.5x1,big (sizes and type; spacing in mm and byte order may be left out)";
 
 /// How plain voxels lie in a file, x fastest.
@@ -36,6 +37,40 @@ impl RawLayout {
     /// Distance of neighboring voxels along x, y, z, in mm.
     pub fn spacing_mm(&self) -> DVec3 {
         self.spacing_mm
+    }
+
+    /// The layout that the name of a file speaks of ("engine_256x256x128_uint8.raw"), if it fits the file's size. Without a
+    /// type in the name, the integers of that many bytes.
+    pub fn guess(path: &Path) -> Option<Self> {
+        let name = path.file_stem()?.to_string_lossy().to_lowercase();
+        let size = std::fs::metadata(path).ok()?.len();
+        let words = || name.split(['_', '-', '.', ' ', '(', ')']);
+        let dims = words().find_map(|word| {
+            let edges: Option<Vec<u64>> =
+                word.splitn(4, 'x').take(3).map(|n| n.parse().ok().filter(|n| *n > 0)).collect();
+            <[u64; 3]>::try_from(edges?).ok()
+        })?;
+        // The type may hang on the sizes: 256x256x128xuint8.
+        let named = words().chain(name.split('x')).find_map(element_type);
+        let by_size = || {
+            [ElementType::U8, ElementType::U16, ElementType::F32]
+                .into_iter()
+                .find(|e| stream::size_bytes(&dims, *e) == Some(size))
+        };
+        let element = named.or_else(by_size)?;
+        let is_big = words().any(|w| matches!(w, "big" | "be" | "msb"));
+        let endian = if is_big { Endian::Big } else { Endian::Little };
+        let layout = Self { dims, element, spacing_mm: DVec3::ONE, endian };
+        (stream::size_bytes(&dims, element) == Some(size)).then_some(layout)
+    }
+}
+
+impl Display for RawLayout {
+    /// As it is written, for [`RawLayout::from_str`].
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let ([x, y, z], spacing) = (self.dims, self.spacing_mm);
+        let order = if self.endian == Endian::Little { "little" } else { "big" };
+        write!(f, "{x}x{y}x{z}x{},{}x{}x{},{order}", self.element.name(), spacing.x, spacing.y, spacing.z)
     }
 }
 
@@ -153,9 +188,10 @@ impl VolumeReader for RawReader {
 
 /// The file as its layout announces it, and its bytes.
 fn open<'a>(path: &Path, options: &'a ReadOptions) -> Result<(Entry, &'a RawLayout, ByteSource)> {
-    let layout = options.raw.as_ref().ok_or_else(|| {
-        Error::file(path, "a raw file does not say how its voxels lie", format!("add the layout: {EXAMPLE}"))
-    })?;
+    let layout = options
+        .raw
+        .as_ref()
+        .ok_or_else(|| Error::NeedsLayout { path: path.to_owned(), guess: RawLayout::guess(path).map(Box::new) })?;
     let size = stream::size_bytes(&layout.dims, layout.element).ok_or_else(|| absurd_size(path, &layout.dims))?;
     // Raw voxels may begin with the two bytes of gzip by chance: the name has to agree.
     let is_named_gzip = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
@@ -228,6 +264,24 @@ mod tests {
             let sentence = wrong.parse::<RawLayout>().unwrap_err().to_string();
             assert!(sentence.contains("; write it like --raw"), "{wrong}: {sentence}");
         }
+    }
+
+    #[test]
+    fn a_layout_is_written_as_it_is_read_and_guessed_from_the_name() {
+        for text in ["2x3x4xuint16,0.5x0.5x1,big", "256x256x128xfloat32,1x1x1,little"] {
+            assert_eq!(text.parse::<RawLayout>().unwrap().to_string(), text);
+        }
+        let folder = Folder::new();
+        let guess =
+            |name: &str, size: usize| RawLayout::guess(&folder.write(name, &vec![0; size])).map(|l| l.to_string());
+        assert_eq!(guess("fuel_4x3x2_uint8.raw", 24).unwrap(), "4x3x2xuint8,1x1x1,little");
+        assert_eq!(guess("a-4x3x2xint16-big.raw", 48).unwrap(), "4x3x2xint16,1x1x1,big");
+        assert_eq!(guess("scan 4x3x2.raw", 48).unwrap(), "4x3x2xuint16,1x1x1,little");
+        for (name, size) in [("fuel_4x3x2_uint8.raw", 25), ("scan.raw", 24), ("0x3x2.raw", 0), ("4x3.raw", 12)] {
+            assert_eq!(guess(name, size), None, "{name}");
+        }
+        let refusal = folder.refusal("fuel_4x3x2_uint8.raw", &[0; 24]);
+        assert!(refusal.contains("by its name and size: --raw 4x3x2xuint8,1x1x1,little"), "{refusal}");
     }
 
     #[test]

@@ -75,7 +75,6 @@ pub fn read(
     rescale: Rescale,
     warnings: Vec<String>,
     options: &ReadOptions,
-    averaging: Averaging,
     progress: &Progress,
     decode: impl FnMut(usize) -> Result<Vec<u8>>,
 ) -> Result<Volume> {
@@ -96,7 +95,7 @@ pub fn read(
     match kind {
         PixelKind::Values(element) => {
             let endian = Endian::NATIVE;
-            let request = VoxelRequest { element, endian, window, averaging, is_size_checked: false };
+            let request = VoxelRequest { element, endian, window, averaging: Averaging::Mean, is_size_checked: false };
             let voxels = stream::read_voxels(&mut slices, request, path, progress)?;
             volume_of(path, entry, window, voxels, rescale, warnings)
         }

@@ -369,7 +369,7 @@ pub fn skip_lines(path: &Path, start: u64, num_lines: u64) -> Result<u64> {
 
 /// The sentence for an error while decoding: that of one of our own readers, a damaged stream, or the operating system's
 /// word.
-fn decode_error(path: &Path, error: &io::Error) -> Error {
+pub(super) fn decode_error(path: &Path, error: &io::Error) -> Error {
     match error.get_ref().and_then(|inner| inner.downcast_ref::<Error>()) {
         Some(Error::File { what, remedy, path }) => return Error::file(path, what, remedy),
         Some(Error::Cancelled) => return Error::Cancelled,
@@ -383,7 +383,7 @@ fn decode_error(path: &Path, error: &io::Error) -> Error {
     }
 }
 
-fn ends_early(path: &Path, got: u64, expected: u64, what: &str) -> Error {
+pub(super) fn ends_early(path: &Path, got: u64, expected: u64, what: &str) -> Error {
     Error::file(path, format!("the file ends after {got} of {expected} bytes {what}"), "copy or download it again")
 }
 

@@ -409,6 +409,7 @@ pub fn generate(resolution: usize, progress: &Progress) -> Result<Specimen> {
             .zip(0..)
             .map(|(&(name, color), id)| Label { id, name: name.to_owned(), color, code: None })
             .collect(),
+        notes: Vec::new(),
     };
     Ok(Specimen { volume, labels })
 }

@@ -1,6 +1,16 @@
 //! Label maps: which structure each voxel belongs to, with the structures' names and colors.
 
+mod layers;
+mod resample;
+mod statistics;
+mod table;
+
 use std::collections::HashMap;
+
+pub use layers::LayerBuilder;
+pub use resample::{resample_layers, same_grid};
+pub use statistics::StructureStatistics;
+pub use table::{LabelTable, LabelTableEntry};
 
 use super::{Volume, Voxel as _};
 use crate::spaces::Grid;
@@ -9,13 +19,14 @@ use crate::with_voxels;
 /// One structure of a label map.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {
-    /// The number that the file uses for it.
+    /// The number that the file uses for it; structures in different layers of one file may have the same.
     pub id: u32,
     /// Its name ("skull").
     pub name: String,
     /// sRGB color, for tables and as a first tint.
     pub color: [u8; 3],
-    /// What it is called in a terminology, as "SCHEME:CODE" ("SCT:10200004" for the liver), where the file says so.
+    /// What it is called in a terminology, as "SCHEME:CODE" ("SCT:10200004" for the liver), where the file says so; with
+    /// what tells it from others of its type, as "SCT:64033007+SCT:7771000" for a left kidney.
     pub code: Option<String>,
 }
 
@@ -26,8 +37,10 @@ pub struct LabelMap {
     pub grid: Grid,
     /// Per voxel, x fastest: the position in [`LabelMap::labels`] (not the id: ids may exceed 16 bits).
     pub voxels: Vec<u16>,
-    /// The structures; entry 0 is what belongs to none.
+    /// The structures; entry 0 is what belongs to none. Some may have no voxels.
     pub labels: Vec<Label>,
+    /// What the user should know about how it was read, a sentence each.
+    pub notes: Vec<String>,
 }
 
 impl LabelMap {
@@ -62,10 +75,20 @@ impl LabelMap {
         let mut order = vec![0; ids.len()];
         ids.iter().zip(0..).for_each(|(&(_, found), sorted)| order[usize::from(found)] = sorted);
         voxels.iter_mut().for_each(|v| *v = order[usize::from(*v)]);
-        let name = |id: u32| if id == 0 { "background".to_owned() } else { id.to_string() };
-        let label = |&(id, _): &(u32, u16)| Label { id, name: name(id), color: distinct_color(id), code: None };
-        Ok(Self { grid: volume.grid, voxels, labels: ids.iter().map(label).collect() })
+        let label = |&(id, _): &(u32, u16)| if id == 0 { background() } else { numbered(id) };
+        let labels = ids.iter().map(label).collect();
+        Ok(Self { grid: volume.grid, voxels, labels, notes: volume.warnings.clone() })
     }
+}
+
+/// The entry for what belongs to no structure.
+pub(crate) fn background() -> Label {
+    Label { id: 0, name: "background".to_owned(), color: [0; 3], code: None }
+}
+
+/// A structure of which only the number is known.
+pub(crate) fn numbered(id: u32) -> Label {
+    Label { id, name: id.to_string(), color: distinct_color(id), code: None }
 }
 
 /// A color for a structure of which only the number is known: neighboring numbers get hues far apart (the golden angle), in

@@ -147,6 +147,17 @@ pub enum Modality {
     Unknown,
 }
 
+impl Modality {
+    /// As scanners name it; empty where it is not stated.
+    pub fn abbreviation(self) -> &'static str {
+        match self {
+            Self::Ct => "CT",
+            Self::Mr => "MR",
+            Self::Unknown => "",
+        }
+    }
+}
+
 /// A scalar volume in the world.
 #[derive(Clone, Debug)]
 pub struct Volume {

@@ -1,19 +1,19 @@
 //! `fabrica inspect`: what a volume is, for people and for scripts.
 
+mod structures;
+
 use std::path::Path;
 
 use anyhow::Result;
-use fabrica_engine::Progress;
-use fabrica_engine::read::ReadOptions;
-use fabrica_engine::read::raw::RawLayout;
-use fabrica_engine::specimen;
+use fabrica_engine::read;
 use fabrica_engine::volume::Volume;
-use fabrica_engine::volume::labels::{Label, LabelMap};
 use fabrica_engine::volume::statistics::Statistics;
+use fabrica_engine::{Error, Progress};
 use serde::Serialize;
+use structures::Listing;
 
 use super::progress_bar::Bar;
-use super::{UsageError, print_line};
+use super::{UsageError, print_line, reading, survey};
 use crate::figure::source::VolumeSource;
 
 #[derive(clap::Args, Debug)]
@@ -23,12 +23,13 @@ pub struct Arguments {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-    /// Layout of a raw file: DIMSxTYPE[,spacing][,endian], as in 256x256x128xuint8,1x1x1,little.
-    #[arg(long, value_name = "LAYOUT")]
-    raw: Option<RawLayout>,
-    /// Frame, from 0, of a 4-D file.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    frame: usize,
+    #[command(flatten)]
+    reading: reading::Arguments,
+    /// Only list the volumes that there are, and what they take, without reading them.
+    #[arg(long)]
+    list: bool,
+    #[command(flatten)]
+    labels: structures::Arguments,
 }
 
 /// What `--json` prints.
@@ -61,17 +62,9 @@ struct Report {
     /// Counts of equal bins from min to max.
     histogram: Vec<u64>,
     warnings: Vec<String>,
-    /// The label map of a specimen.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    structures: Vec<Structure>,
-}
-
-#[derive(Serialize)]
-struct Structure {
-    id: u32,
-    name: String,
-    color: String,
-    volume_ml: f64,
+    /// Of the label map that was asked for, or is the volume itself.
+    #[serde(flatten)]
+    listing: Listing,
 }
 
 #[derive(Serialize)]
@@ -89,13 +82,25 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         VolumeSource::parse(&arguments.file_or_dir, Path::new("")).map_err(|e| UsageError::because(e.to_string()))?;
     let progress = Progress::new();
     let bar = Bar::watch(&progress);
-    let options = ReadOptions { frame: arguments.frame, raw: arguments.raw.clone(), ..ReadOptions::default() };
-    let volume = source.load(&options, &progress)?;
-    let mut report = report(&volume, volume.statistics(&progress)?);
-    if let VolumeSource::Specimen { name, resolution } = &source {
-        // The cache holds the volume only; its label map comes from making it.
-        report.structures = structures(&specimen::generate(name, *resolution, &progress)?.labels);
+    let options = arguments.reading.options();
+    if let (true, VolumeSource::Path(path)) = (arguments.list, &source) {
+        let entries = read::survey(path, &options, &progress)?;
+        drop(bar);
+        return survey::print(&entries, arguments.json);
     }
+    let volume = match source.load(&options, &progress) {
+        // Who asks what is there gets to see it.
+        Err(error) => match error.downcast_ref() {
+            Some(Error::Several { entries, .. }) => {
+                drop(bar);
+                return survey::print(entries, arguments.json);
+            }
+            _ => return Err(error),
+        },
+        Ok(volume) => volume,
+    };
+    let mut report = report(&volume, volume.statistics(&progress)?);
+    report.listing = Listing::of(&arguments.labels, &source, &options, &volume, &progress)?;
     drop(bar);
     print_line(&if arguments.json { serde_json::to_string_pretty(&report)? } else { in_words(&report) })
 }
@@ -136,26 +141,8 @@ fn report(volume: &Volume, statistics: &Statistics) -> Report {
             .into(),
         histogram: statistics.histogram.clone(),
         warnings: volume.warnings.clone(),
-        structures: Vec::new(),
+        listing: Listing::default(),
     }
-}
-
-fn structures(labels: &LabelMap) -> Vec<Structure> {
-    let mut counts = vec![0u64; labels.labels.len()];
-    for voxel in &labels.voxels {
-        counts[usize::from(*voxel)] += 1;
-    }
-    let voxel_ml = labels.grid.world_from_index().matrix3.determinant().abs() / 1000.0;
-    let structure = |(label, count): (&Label, u64)| {
-        let [r, g, b] = label.color;
-        Structure {
-            id: label.id,
-            name: label.name.clone(),
-            color: format!("#{r:02x}{g:02x}{b:02x}"),
-            volume_ml: count as f64 * voxel_ml,
-        }
-    };
-    labels.labels.iter().zip(counts).map(structure).collect()
 }
 
 /// Up to six significant digits, without the noise of binary fractions.
@@ -205,12 +192,7 @@ fn in_words(r: &Report) -> String {
     lines.push(format!("histogram   {} to {}, height logarithmic", short(r.min), short(r.max)));
     lines.extend(histogram(&r.histogram));
     lines.extend(r.warnings.iter().map(|w| format!("warning: {w}")));
-    if !r.structures.is_empty() {
-        lines.push("structures  id, name, color, volume".to_owned());
-    }
-    lines.extend(
-        r.structures.iter().map(|s| format!("{:>14}  {:24} {} {:>10.1} ml", s.id, s.name, s.color, s.volume_ml)),
-    );
+    lines.extend(r.listing.in_words());
     lines.join("\n")
 }
 

@@ -14,6 +14,7 @@ use super::plot::{self, Plot};
 use super::progress_bar::Bar;
 use super::setup::{self, Adapter, Stage};
 use super::{UsageError, print_line, volumes};
+use crate::memory;
 
 const AFTER_HELP: &str = "\
 Each setting gets the median time of a frame, the samples on a ray, and the error against the f64 reference,
@@ -158,7 +159,7 @@ fn plot_kind(path: &Path) -> Result<plot::Kind> {
 /// The reference keeps three f64 a voxel and makes a fourth on the way: better refused than killed.
 fn check_memory(stage: &Stage) -> Result<()> {
     let needed_mb = stage.dims().map(|n| n as f64).iter().product::<f64>() * 4.0 * 8.0 / 1e6;
-    match setup::free_memory_mb() {
+    match memory::free_bytes().map(|bytes| bytes as f64 / 1e6) {
         Some(free_mb) if needed_mb > free_mb => bail!(
             "the reference needs {:.1} GB for this volume and {:.1} GB are free; measure a smaller volume",
             needed_mb / 1e3,

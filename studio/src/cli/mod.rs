@@ -15,9 +15,11 @@ mod measure;
 mod open;
 mod plot;
 mod progress_bar;
+mod reading;
 mod render;
 mod setup;
 mod styles;
+mod survey;
 mod template;
 mod volumes;
 

@@ -28,18 +28,9 @@ pub fn parse_size(text: &str) -> Result<[u32; 2], String> {
 
 /// The most memory that this process ever held, where the system tells (Linux), in 10⁶ bytes.
 pub fn peak_memory_mb() -> Option<f64> {
-    Some(kib("/proc/self/status", "VmHWM:")? * 1024.0 / 1e6)
-}
-
-/// The memory that is free, where the system tells (Linux), in 10⁶ bytes.
-pub fn free_memory_mb() -> Option<f64> {
-    Some(kib("/proc/meminfo", "MemAvailable:")? * 1024.0 / 1e6)
-}
-
-fn kib(file: &str, key: &str) -> Option<f64> {
-    let text = std::fs::read_to_string(file).ok()?;
-    let line = text.lines().find_map(|l| l.strip_prefix(key))?;
-    line.trim().strip_suffix("kB")?.trim().parse().ok()
+    let text = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<f64>().ok()? * 1024.0 / 1e6)
 }
 
 /// A template's scene, and an adapter to draw it with.

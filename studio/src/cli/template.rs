@@ -3,11 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
-use fabrica_engine::read::ReadOptions;
 use fabrica_engine::{Error, Progress};
 
 use super::progress_bar::Bar;
-use super::{UsageError, setup};
+use super::{UsageError, reading, setup};
 use crate::figure::first_look::{self, first_look};
 use crate::figure::source::VolumeSource;
 use crate::figure::template::VolumeSlot;
@@ -16,12 +15,8 @@ use crate::figure::template::VolumeSlot;
 pub struct Arguments {
     /// A volume file, a folder, or specimen:NAME[@N].
     volume: String,
-    /// Layout of a raw file: DIMSxTYPE[,spacing][,endian], as in 256x256x128xuint8,1x1x1,little.
-    #[arg(long, value_name = "LAYOUT")]
-    raw: Option<String>,
-    /// Frame, from 0, of a 4-D file.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    frame: usize,
+    #[command(flatten)]
+    reading: reading::Arguments,
     /// The template to write.
     #[arg(long, value_name = "FILE.json")]
     out: PathBuf,
@@ -33,11 +28,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     check_out(out)?;
     let source = VolumeSource::parse(&arguments.volume, Path::new(""))
         .map_err(|e: anyhow::Error| UsageError::because(e.to_string()))?;
-    let raw = arguments
-        .raw
-        .as_deref()
-        .map(|text| text.parse().map_err(|e| UsageError::because(format!("--raw {text}: {e}"))));
-    let options = ReadOptions { raw: raw.transpose()?, frame: arguments.frame, ..ReadOptions::default() };
+    let options = arguments.reading.options();
     let progress = Progress::new();
     let _bar = Bar::watch(&progress);
 
@@ -49,7 +40,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         VolumeSource::Path(path) => name_in_template(path, out)?,
         VolumeSource::Specimen { .. } => arguments.volume.clone(),
     };
-    let slot = VolumeSlot { frame: arguments.frame, raw: arguments.raw.clone(), ..first_look::slot(file) };
+    let slot = VolumeSlot::new(first_look::SLOT, String::new()).reading(file, &options);
     setup::save_text(out, &first_look(&volume, slot, &progress)?.to_json()?).context("the template was not written")
 }
 

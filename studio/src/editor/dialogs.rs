@@ -9,9 +9,9 @@ use eframe::egui::{self, Context, Key, Modal, Ui};
 use super::file_dialog::Purpose;
 use super::theme;
 use super::ui_command::UiCommand;
+use super::volume_choice::VolumeChoice;
 
 /// What is asked.
-#[derive(Clone, Debug)]
 pub enum Dialog {
     /// A path, with what is typed.
     Path(Purpose, String),
@@ -19,6 +19,8 @@ pub enum Dialog {
     Unsaved(Then),
     /// Files were dropped on a figure.
     Dropped(Vec<PathBuf>),
+    /// How a volume shall be read.
+    Volume(Box<VolumeChoice>),
     /// The palette with what is typed, and which of the commands found is chosen.
     Palette(String, usize),
 }
@@ -74,6 +76,7 @@ pub fn show(
                     Some("Open by itself"),
                 )
             }
+            Dialog::Volume(choice) => choice.show(ui),
             Dialog::Palette(text, chosen) => palette(ui, text, chosen, &disabled),
         };
     });
@@ -83,7 +86,8 @@ pub fn show(
     chosen
 }
 
-fn filled(ui: &mut Ui, text: &str) -> egui::Response {
+/// The button of what is likely meant.
+pub fn filled(ui: &mut Ui, text: &str) -> egui::Response {
     let fill = theme::tokens(ui.ctx()).filled;
     ui.add(egui::Button::new(egui::RichText::new(text).color(theme::ON_FILLED)).fill(fill))
 }

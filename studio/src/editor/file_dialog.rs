@@ -6,6 +6,8 @@ use std::pin::Pin;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
+use fabrica_engine::read;
+
 /// Nobody closes a dialog as fast as this: there was none (no portal, no zenity). The library does not tell the two apart.
 const NOBODY: Duration = Duration::from_millis(250);
 
@@ -40,9 +42,6 @@ pub enum Answer {
     NoDialog,
 }
 
-/// What can be opened, by the last part of the extension: figures first, then volumes.
-const READABLE: [&str; 8] = ["json", "nii", "gz", "hdr", "img", "nrrd", "nhdr", "raw"];
-
 type Chosen = Pin<Box<dyn Future<Output = Option<rfd::FileHandle>> + Send>>;
 
 impl FileDialog {
@@ -52,10 +51,17 @@ impl FileDialog {
         if let Some(folder) = near.parent().filter(|f| f.is_dir()) {
             dialog = dialog.set_directory(folder);
         }
+        let volumes = read::extensions();
+        let all = [&["json"], &volumes[..]].concat();
         // The future is made here, as macOS wants it on the main thread, and awaited elsewhere.
         let chosen: Chosen = match purpose {
-            Purpose::Open => Box::pin(dialog.add_filter("Volumes and figures", &READABLE).pick_file()),
-            Purpose::Volume(_) => Box::pin(dialog.add_filter("Volumes", &READABLE[1..]).pick_file()),
+            // Slices of a scan often have no extension.
+            Purpose::Open => {
+                Box::pin(dialog.add_filter("Volumes and figures", &all).add_filter("All files", &["*"]).pick_file())
+            }
+            Purpose::Volume(_) => {
+                Box::pin(dialog.add_filter("Volumes", &volumes).add_filter("All files", &["*"]).pick_file())
+            }
             Purpose::OpenFolder => Box::pin(dialog.pick_folder()),
             Purpose::Save => {
                 let name = near.file_name().unwrap_or_default().to_string_lossy();

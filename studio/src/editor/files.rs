@@ -6,10 +6,12 @@ use std::sync::mpsc::{Receiver, channel};
 
 use anyhow::{Context as _, Result, bail};
 use fabrica_engine::image_out::save_atomic;
-use fabrica_engine::read::ReadOptions;
+use fabrica_engine::read::limits::Limits;
+use fabrica_engine::read::{self, ReadOptions};
 use fabrica_engine::volume::Volume;
 use fabrica_engine::{Error, Progress};
 
+use super::volume_choice::VolumeChoice;
 use crate::figure::first_look::{self, first_look};
 use crate::figure::source::VolumeSource;
 use crate::figure::template::VolumeSlot;
@@ -63,6 +65,16 @@ pub struct Loaded {
     pub volumes: Vec<Arc<Volume>>,
     /// What the user shall know, a sentence each.
     pub notes: Vec<String>,
+    /// What has to be answered before its volumes can be read.
+    pub asked: Option<VolumeChoice>,
+}
+
+/// What came of opening something.
+pub enum Opened {
+    /// A figure.
+    Figure(Box<Loaded>),
+    /// A question about a volume.
+    Asked(Box<VolumeChoice>),
 }
 
 /// Whether a file is a figure rather than a volume.
@@ -75,12 +87,15 @@ pub fn is_template(path: &Path) -> bool {
 ///
 /// # Errors
 /// One sentence; a figure whose volumes cannot be read opens without them, and a note says why.
-pub fn load(paths: &[PathBuf], progress: &Progress) -> Result<Loaded> {
+pub fn load(paths: &[PathBuf], limits: Limits, progress: &Progress) -> Result<Opened> {
     let (figures, volumes): (Vec<&PathBuf>, Vec<&PathBuf>) = paths.iter().partition(|p| is_template(p));
     match (&figures[..], &volumes[..]) {
-        ([figure], []) => load_figure(Template::read(figure)?, Some(figure), progress),
-        ([figure], others) => dress(Template::read(figure)?, figure, others, progress),
-        ([], [volume]) => undressed(volume, progress),
+        ([figure], []) => load_figure(Template::read(figure)?, Some(figure), limits, progress),
+        ([figure], others) => dress(Template::read(figure)?, figure, others, limits, progress),
+        ([], [volume]) => {
+            let slot = VolumeSlot::new(first_look::SLOT, file_name(volume)?);
+            undressed(slot, limits, progress)
+        }
         ([], []) => bail!("nothing is given to open"),
         ([], many) => bail!("{} volumes are given and this version draws one; open one of them", many.len()),
         (many, _) => bail!("{} figures are given; open one at a time", many.len()),
@@ -90,23 +105,37 @@ pub fn load(paths: &[PathBuf], progress: &Progress) -> Result<Loaded> {
 /// Reads the volumes of a figure that is saved at `path` (none: it came with the program).
 ///
 /// # Errors
-/// [`Error::Cancelled`]; volumes that cannot be read are a note.
-pub fn load_figure(figure: Template, path: Option<&Path>, progress: &Progress) -> Result<Loaded> {
+/// [`Error::Cancelled`]; volumes that cannot be read are a note, or a question.
+pub fn load_figure(figure: Template, path: Option<&Path>, limits: Limits, progress: &Progress) -> Result<Opened> {
     let folder = path.and_then(Path::parent).unwrap_or(Path::new(""));
-    let path = path.map(Path::to_owned);
-    match bridge::load_volumes(&figure, folder, &[], progress).and_then(|volumes| counted(volumes, progress)) {
-        Ok(volumes) => {
-            let notes = volumes.iter().flat_map(|v| v.warnings.clone()).collect();
-            Ok(Loaded { figure, path, volumes, notes })
+    let mut loaded =
+        Loaded { figure, path: path.map(Path::to_owned), volumes: Vec::new(), notes: Vec::new(), asked: None };
+    let mut volumes = Vec::new();
+    for (i, slot) in loaded.figure.volumes.iter().enumerate() {
+        match load_slot(slot, folder, limits, progress) {
+            Ok(volume) => volumes.push(volume),
+            Err(error) if is_cancelled(&error) => return Err(error),
+            // The figure opens without them: nothing of it is lost.
+            Err(error) => {
+                loaded.asked = VolumeChoice::after(&error, slot, Some(i), limits);
+                loaded.notes = vec![format!("{error:#}")];
+                return Ok(Opened::Figure(Box::new(loaded)));
+            }
         }
-        Err(error) if is_cancelled(&error) => Err(error),
-        // The figure opens without them: nothing of it is lost.
-        Err(error) => Ok(Loaded { figure, path, volumes: Vec::new(), notes: vec![format!("{error:#}")] }),
     }
+    loaded.notes = volumes.iter().flat_map(|v| v.warnings.clone()).collect();
+    loaded.volumes = volumes;
+    Ok(Opened::Figure(Box::new(loaded)))
 }
 
 /// The look of a figure on other volumes.
-fn dress(mut figure: Template, from: &Path, others: &[&PathBuf], progress: &Progress) -> Result<Loaded> {
+fn dress(
+    mut figure: Template,
+    from: &Path,
+    others: &[&PathBuf],
+    limits: Limits,
+    progress: &Progress,
+) -> Result<Opened> {
     if others.len() > figure.volumes.len() {
         bail!(
             "{} volumes are given and the figure {} has {} of them; leave out the last ones",
@@ -119,7 +148,7 @@ fn dress(mut figure: Template, from: &Path, others: &[&PathBuf], progress: &Prog
     for (slot, path) in figure.volumes.iter_mut().zip(others) {
         *slot = slot_for(slot, path)?;
     }
-    load_figure(figure, None, progress)
+    load_figure(figure, None, limits, progress)
 }
 
 /// A slot with another file in it. A file of the same name is the same, elsewhere; one of the same kind may have the layout
@@ -129,25 +158,60 @@ fn dress(mut figure: Template, from: &Path, others: &[&PathBuf], progress: &Prog
 /// One sentence if the path is not UTF-8.
 pub fn slot_for(slot: &VolumeSlot, path: &Path) -> Result<VolumeSlot> {
     let old = Path::new(&slot.file);
-    let frame = if old.file_name() == path.file_name() { slot.frame } else { 0 };
+    if old.file_name() == path.file_name() {
+        return Ok(VolumeSlot { file: file_name(path)?, ..slot.clone() });
+    }
     let raw = slot.raw.clone().filter(|_| old.extension() == path.extension());
-    Ok(VolumeSlot { file: file_name(path)?, frame, raw, ..slot.clone() })
+    Ok(VolumeSlot { raw, ..VolumeSlot::new(&slot.name, file_name(path)?) })
 }
 
-/// Reads the volume of a slot.
+/// Reads the volume of a slot, if it is within `limits`.
 ///
 /// # Errors
 /// One sentence from the reader.
-pub fn load_slot(slot: &VolumeSlot, folder: &Path, progress: &Progress) -> Result<Arc<Volume>> {
-    Ok(counted(vec![bridge::load_slot(slot, folder, progress)?], progress)?.remove(0))
+pub fn load_slot(slot: &VolumeSlot, folder: &Path, limits: Limits, progress: &Progress) -> Result<Arc<Volume>> {
+    let volume = bridge::load_slot(slot, folder, limits, progress)?;
+    counted(&volume, progress)?;
+    Ok(volume)
 }
 
-fn undressed(path: &Path, progress: &Progress) -> Result<Loaded> {
-    let file = file_name(path)?;
-    let volume = VolumeSource::parse(&file, Path::new(""))?.load(&ReadOptions::default(), progress)?;
-    let figure = first_look(&volume, first_look::slot(file), progress)?;
+/// Reads the volume of a slot and gives it a first look, or asks how it shall be read.
+///
+/// # Errors
+/// One sentence from the reader.
+pub fn undressed(slot: VolumeSlot, limits: Limits, progress: &Progress) -> Result<Opened> {
+    let options = ReadOptions { limits, ..slot.options()? };
+    let volume = match VolumeSource::parse(&slot.file, Path::new(""))?.load(&options, progress) {
+        Ok(volume) => volume,
+        Err(error) => {
+            let asked = VolumeChoice::after(&error, &slot, None, limits).ok_or(error)?;
+            return Ok(Opened::Asked(Box::new(asked)));
+        }
+    };
+    let figure = first_look(&volume, slot, progress)?;
+    counted(&volume, progress)?;
     let notes = volume.warnings.clone();
-    Ok(Loaded { figure, path: None, volumes: counted(vec![volume], progress)?, notes })
+    Ok(Opened::Figure(Box::new(Loaded { figure, path: None, volumes: vec![volume], notes, asked: None })))
+}
+
+/// What the file of a slot offers, and the question how it shall be read.
+///
+/// # Errors
+/// One sentence from the reader.
+pub fn ask(
+    slot: &VolumeSlot,
+    folder: &Path,
+    place: usize,
+    limits: Limits,
+    progress: &Progress,
+) -> Result<VolumeChoice> {
+    match VolumeSource::parse(&slot.file, folder)? {
+        VolumeSource::Path(path) => {
+            let entries = read::survey(&path, &slot.options()?, progress)?;
+            Ok(VolumeChoice::new(&path, slot, Some(place), entries, limits))
+        }
+        VolumeSource::Specimen { .. } => bail!("a specimen has one size and no parts; choose another with \"Open\""),
+    }
 }
 
 /// As templates name a file: absolute; specimens by their own name.
@@ -159,15 +223,13 @@ fn file_name(path: &Path) -> Result<String> {
     }
 }
 
-/// Counts the volumes' values and gradients, as panels and picking want them known, here on the thread.
-fn counted(volumes: Vec<Arc<Volume>>, progress: &Progress) -> Result<Vec<Arc<Volume>>> {
+/// Counts a volume's values and gradients, as panels and picking want them known, here on the thread.
+fn counted(volume: &Volume, progress: &Progress) -> Result<()> {
     progress.begin("counting values", 0);
-    for volume in &volumes {
-        volume.statistics(progress)?;
-        volume.bricks();
-        volume.gradient_max();
-    }
-    Ok(volumes)
+    volume.statistics(progress)?;
+    volume.bricks();
+    volume.gradient_max();
+    Ok(())
 }
 
 fn folder_of(path: &Path) -> Option<PathBuf> {

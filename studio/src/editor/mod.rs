@@ -17,6 +17,7 @@ pub mod timings;
 pub mod ui_command;
 pub mod view;
 pub mod viewport;
+pub mod volume_choice;
 
 use anyhow::{Result, anyhow};
 use eframe::egui::{Vec2, ViewportBuilder};

@@ -64,8 +64,7 @@ impl OpenFigure {
 
     /// The volume of a slot, if it was read.
     pub fn volume_of(&self, slot: &VolumeSlot) -> Option<&Arc<Volume>> {
-        let same = |a: &VolumeSlot| a.file == slot.file && a.frame == slot.frame && a.raw == slot.raw;
-        self.volumes.iter().find(|(read, _)| same(read)).map(|(_, volume)| volume)
+        self.volumes.iter().find(|(read, _)| read.reads_same(slot)).map(|(_, volume)| volume)
     }
 
     /// Keeps a volume for a slot.
@@ -85,11 +84,15 @@ impl OpenFigure {
         self.document.figure().objects.get(self.object)
     }
 
+    /// The number of its slot.
+    pub fn chosen_slot(&self) -> Option<usize> {
+        let name = &self.chosen()?.volume;
+        self.document.figure().volumes.iter().position(|v| v.name == *name)
+    }
+
     /// Its volume.
     pub fn chosen_volume(&self) -> Option<&Arc<Volume>> {
-        let figure = self.document.figure();
-        let name = &self.chosen()?.volume;
-        self.volume_of(figure.volumes.iter().find(|v| v.name == *name)?)
+        self.volume_of(&self.document.figure().volumes[self.chosen_slot()?])
     }
 
     /// The scene that the figure is just now; `None` where it has no meaning, or a volume is missing.

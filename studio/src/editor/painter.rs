@@ -56,8 +56,13 @@ pub enum Stage {
 
 /// What the painter has to say.
 pub enum Update {
-    /// The adapter is open: its name.
-    Ready(String),
+    /// The adapter is open.
+    Ready {
+        /// Its name.
+        adapter: String,
+        /// The longest axis of a volume that it takes, in voxels.
+        edge: usize,
+    },
     /// Rows of a picture, sRGB with opaque pixels.
     Rows {
         /// Of the request that they belong to.
@@ -293,7 +298,8 @@ fn open<'a>(
         Some(renderer) => renderer,
         none => {
             let context = GpuContext::new(choice)?;
-            tell(Update::Ready(context.adapter.name.clone()));
+            let (adapter, edge) = (context.adapter.name.clone(), context.adapter.max_volume_edge as usize);
+            tell(Update::Ready { adapter, edge });
             none.insert(Renderer::new(context))
         }
     })

@@ -13,6 +13,7 @@ pub enum UiCommand {
     Save,
     SaveAs,
     ReplaceVolume,
+    ReadOtherwise,
     Quit,
     Undo,
     Redo,
@@ -54,6 +55,7 @@ impl UiCommand {
         C::Save,
         C::SaveAs,
         C::ReplaceVolume,
+        C::ReadOtherwise,
         C::Quit,
         C::Undo,
         C::Redo,
@@ -87,7 +89,9 @@ impl UiCommand {
     /// The menu that it is in.
     pub fn menu(self) -> &'static str {
         match self {
-            C::New | C::Open | C::OpenFolder | C::Save | C::SaveAs | C::ReplaceVolume | C::Quit => "File",
+            C::New | C::Open | C::OpenFolder | C::Save | C::SaveAs | C::ReplaceVolume | C::ReadOtherwise | C::Quit => {
+                "File"
+            }
             C::Undo | C::Redo | C::History | C::Palette => "Edit",
             C::Rename | C::ShowHide | C::InsertNode | C::RemoveNode => "Object",
             C::QualityDraft | C::QualityStandard | C::QualityFinal => "Render",
@@ -103,6 +107,7 @@ impl UiCommand {
             C::Open => "Open…",
             C::OpenFolder => "Open folder…",
             C::ReplaceVolume => "Replace volume…",
+            C::ReadOtherwise => "Series, part and resolution…",
             C::History => "History",
             C::Rename => "Rename object",
             C::ShowHide => "Show or hide object",
@@ -141,8 +146,9 @@ impl UiCommand {
         match self {
             C::New => "Closes the figure; the start page has specimens, templates and recent figures",
             C::Open => "A volume or a figure",
-            C::OpenFolder => "A folder that holds one volume",
+            C::OpenFolder => "A folder with a scan in it: DICOM series, slices as pictures, or volume files",
             C::ReplaceVolume => "Dresses another volume in this figure's look, or finds one that is missing",
+            C::ReadOtherwise => "Which series, frame and part of the volume's file is loaded, and how finely",
             C::History => "The steps so far, to go back to any of them",
             C::Rename => "Another name for the chosen object",
             C::ShowHide => "The chosen object is drawn, or is not",

@@ -8,6 +8,7 @@ use anyhow::{Context as _, Result, bail};
 use fabrica_engine::Progress;
 use fabrica_engine::color::linear_from_srgb8;
 use fabrica_engine::read::ReadOptions;
+use fabrica_engine::read::limits::Limits;
 use fabrica_engine::scene::{
     self, Camera, Object, Projection, Quality, Scene, StyleTransferFunction, TransferFunctionNode,
 };
@@ -55,20 +56,18 @@ pub fn load_volumes(
             if let Some(r) = replacements.get(i) {
                 return r.source.load(&r.options, progress);
             }
-            load_slot(slot, folder, progress)
+            load_slot(slot, folder, Limits::default(), progress)
         })
         .collect()
 }
 
-/// Loads what a template names in a slot (relative to `folder`).
+/// Loads what a template names in a slot (relative to `folder`), if it is within `limits` (none given: within what is free).
 ///
 /// # Errors
 /// One sentence.
-pub fn load_slot(slot: &VolumeSlot, folder: &Path, progress: &Progress) -> Result<Arc<Volume>> {
-    let raw = slot.raw.as_deref().map(str::parse).transpose();
-    let raw = raw.map_err(|e| anyhow::anyhow!("the raw layout of the volume \"{}\": {e}", slot.name))?;
+pub fn load_slot(slot: &VolumeSlot, folder: &Path, limits: Limits, progress: &Progress) -> Result<Arc<Volume>> {
     VolumeSource::parse(&slot.file, folder)?
-        .load(&ReadOptions { frame: slot.frame, raw, ..ReadOptions::default() }, progress)
+        .load(&ReadOptions { limits, ..slot.options()? }, progress)
         .with_context(|| format!("the template's volume \"{}\" cannot be loaded", slot.name))
 }
 

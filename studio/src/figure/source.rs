@@ -4,11 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Result, bail};
+use fabrica_engine::read::limits::Limits;
 use fabrica_engine::read::{ReadOptions, read_volume};
 use fabrica_engine::specimen;
 use fabrica_engine::volume::{Modality, Volume};
 use fabrica_engine::volume_out::write_nrrd;
 use fabrica_engine::{Error, Progress};
+
+use crate::memory;
 
 /// What a template or a command line calls a volume.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,7 +50,7 @@ impl VolumeSource {
     /// One sentence from the reader or the specimen.
     pub fn load(&self, options: &ReadOptions, progress: &Progress) -> Result<Arc<Volume>> {
         let volume = match self {
-            Self::Path(path) => read_volume(path, options, progress)?,
+            Self::Path(path) => read_volume(path, &within_memory(options), progress)?,
             Self::Specimen { .. } if options.raw.is_some() || options.frame > 0 => {
                 bail!("a specimen has one frame and no raw layout; leave --raw and --frame out")
             }
@@ -55,6 +58,12 @@ impl VolumeSource {
         };
         Ok(Arc::new(volume))
     }
+}
+
+/// The options with what is free as the limit, where they have none of their own.
+fn within_memory(options: &ReadOptions) -> ReadOptions {
+    let bytes = options.limits.bytes.or_else(memory::free_bytes);
+    ReadOptions { limits: Limits { bytes, ..options.limits }, ..options.clone() }
 }
 
 /// The folder for what can be made again: `FABRICA_CACHE`, else the platform's cache folder.

@@ -6,6 +6,8 @@
 use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
+use fabrica_engine::read::ReadOptions;
+use fabrica_engine::read::window::Window;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -53,9 +55,70 @@ pub struct VolumeSlot {
     /// For raw files: DIMSxTYPE[,spacing][,endian], as in "256x256x128xuint8,1x1x1,little".
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub raw: Option<String>,
+    /// Which volume of a folder or file with several: as `fabrica inspect` lists it, or a part of its name that only one has.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub series: Option<String>,
+    /// The part that is read: first and, exclusive, last voxel along x, y, z of the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub crop: Option<[[usize; 2]; 3]>,
+    /// So many voxels of the file, along x, y, z, become one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reduce: Option<[usize; 3]>,
     /// Fields of other versions, kept as they are.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
+}
+
+impl VolumeSlot {
+    /// The slot `name` with a file, which is read whole, its first frame.
+    pub fn new(name: &str, file: String) -> Self {
+        Self {
+            name: name.to_owned(),
+            file,
+            frame: 0,
+            raw: None,
+            series: None,
+            crop: None,
+            reduce: None,
+            extra: Map::new(),
+        }
+    }
+
+    /// The slot with another file, or the same, which is read in another way; the name stays.
+    pub fn reading(&self, file: String, options: &ReadOptions) -> Self {
+        let window = options.window;
+        Self {
+            name: self.name.clone(),
+            file,
+            frame: options.frame,
+            raw: options.raw.as_ref().map(ToString::to_string),
+            series: options.series.clone(),
+            crop: window.crop,
+            reduce: (window.reduce != [1; 3]).then_some(window.reduce),
+            extra: self.extra.clone(),
+        }
+    }
+
+    /// How its file is read.
+    ///
+    /// # Errors
+    /// One sentence for a raw layout that is none.
+    pub fn options(&self) -> Result<ReadOptions> {
+        let raw = self.raw.as_deref().map(str::parse).transpose();
+        Ok(ReadOptions {
+            frame: self.frame,
+            raw: raw.map_err(|e| anyhow::anyhow!("the raw layout of the volume \"{}\": {e}", self.name))?,
+            series: self.series.clone(),
+            window: Window { crop: self.crop, reduce: self.reduce.unwrap_or([1; 3]) },
+            ..ReadOptions::default()
+        })
+    }
+
+    /// Whether the same voxels are read, whatever the slot is called.
+    pub fn reads_same(&self, other: &Self) -> bool {
+        let read = |s: &Self| (s.file.clone(), s.frame, s.raw.clone(), s.series.clone(), s.crop, s.reduce);
+        read(self) == read(other)
+    }
 }
 
 /// One object: a volume with a look.

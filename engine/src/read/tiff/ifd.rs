@@ -182,7 +182,7 @@ impl Tiff {
             5 | 10 | 12 | 16 | 17 | 18 => 8,
             other => return Err(self.fault(format!("tag {} has the unknown type {other}", field.tag))),
         };
-        let num_bytes = field.count.checked_mul(width).unwrap_or(u64::MAX);
+        let num_bytes = field.count.saturating_mul(width);
         if num_bytes <= field.inline.len() as u64 {
             return Ok(field.inline[..num_bytes as usize].to_vec());
         }
@@ -197,7 +197,7 @@ impl Tiff {
             1 | 6 | 7 => 1,
             3 | 8 => 2,
             4 | 9 | 13 => 4,
-            16 | 17 | 18 => 8,
+            16..=18 => 8,
             _ => return Err(self.fault(format!("tag {tag} is no integer"))),
         };
         let bytes = self.value(field)?;

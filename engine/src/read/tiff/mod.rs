@@ -20,11 +20,9 @@ use ifd::{Page, Tiff};
 use notes::Notes;
 
 use super::slices::{self, PixelKind};
-use super::window::Averaging;
-use super::{Entry, ReadOptions, VolumeReader, check_frame, grid_of, labels_of};
+use super::{Entry, ReadOptions, VolumeReader, check_frame, grid_of};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::volume::labels::LabelMap;
 use crate::volume::{Modality, Rescale, Volume};
 
 /// Reads TIFF files.
@@ -48,11 +46,7 @@ impl VolumeReader for TiffReader {
     }
 
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
-        Stack::open(path, progress)?.read(path, options, Averaging::Mean, progress)
-    }
-
-    fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
-        labels_of(path, &Stack::open(path, progress)?.read(path, options, Averaging::Nearest, progress)?)
+        Stack::open(path, progress)?.read(path, options, progress)
     }
 }
 
@@ -232,7 +226,7 @@ impl Stack {
         })
     }
 
-    fn read(mut self, path: &Path, options: &ReadOptions, averaging: Averaging, progress: &Progress) -> Result<Volume> {
+    fn read(mut self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
         check_frame(path, options.frame, self.entry.num_frames)?;
         let (component, frame) =
             (options.frame as u64 % self.num_components, options.frame as u64 / self.num_components);
@@ -263,7 +257,7 @@ impl Stack {
             };
             codec::decode(&mut self.tiff, path, &page, number, kind, component as u16)
         };
-        slices::read(path, &entry, kind, rescale, warnings, options, averaging, progress, decode)
+        slices::read(path, &entry, kind, rescale, warnings, options, progress, decode)
     }
 }
 

@@ -225,7 +225,7 @@ fn the_floating_point_predictor() {
     (1..8).for_each(|i| differences[i] = shuffled[i].wrapping_sub(shuffled[i - 1]));
     let page = PageFile::new(2, 1, 32, vec![zlib(&differences)]).code(339, 3).code(259, 8).code(317, 3);
     for endian in [Endian::Little, Endian::Big] {
-        let volume = Folder::new().read("a.tif", &file(&[page.clone()], endian, false)).unwrap();
+        let volume = Folder::new().read("a.tif", &file(std::slice::from_ref(&page), endian, false)).unwrap();
         assert_eq!(volume.voxels, Voxels::F32(vec![1.0, 2.0]));
     }
 }
@@ -325,7 +325,9 @@ fn jpeg_strips() {
     };
     let folder = Folder::new();
     let ramp = PageFile::new(8, 8, 8, vec![hex(JPEG_RAMP)]).code(259, 7);
-    let Voxels::U8(voxels) = folder.read("a.tif", &little(&[ramp.clone()])).unwrap().voxels else { panic!() };
+    let Voxels::U8(voxels) = folder.read("a.tif", &little(std::slice::from_ref(&ramp))).unwrap().voxels else {
+        panic!()
+    };
     assert!(voxels.iter().enumerate().all(|(i, v)| v.abs_diff(4 * i as u8) <= 2), "{voxels:?}");
     let plain = PageFile::new(8, 8, 8, vec![hex(JPEG_RED)]).code(259, 7).code(277, 3).code(262, 6);
     let plain = plain.with(258, Value::Short(vec![8; 3]));

@@ -46,7 +46,9 @@ impl Editor {
             UiCommand::Rename | UiCommand::ShowHide if self.open.as_ref().is_some_and(|o| o.chosen().is_none()) => {
                 Some("The figure has no object")
             }
-            UiCommand::ReplaceVolume if document.is_some_and(|d| d.figure().volumes.is_empty()) => {
+            UiCommand::ReplaceVolume | UiCommand::ReadOtherwise
+                if document.is_some_and(|d| d.figure().volumes.is_empty()) =>
+            {
                 Some("The figure has no place for a volume")
             }
             _ => None,
@@ -109,6 +111,10 @@ impl Editor {
             C::ReplaceVolume => {
                 let slot = self.open.as_ref().and_then(OpenFigure::missing).unwrap_or(0);
                 self.ask_for_path(ctx, Purpose::Volume(slot));
+            }
+            C::ReadOtherwise => {
+                let chosen = self.open.as_ref().and_then(OpenFigure::chosen_slot).unwrap_or(0);
+                self.ask_how_to_read(ctx, chosen);
             }
             C::Quit => self.guarded(ctx, Then::Quit),
             C::Palette => self.dialog = Some(Dialog::Palette(String::new(), 0)),
@@ -283,6 +289,7 @@ impl Editor {
                     self.fill(ctx, 0, path);
                 }
             }
+            (Some(_), Dialog::Volume(choice)) => self.volume_chosen(ctx, &choice),
             (Some(_), Dialog::Palette(..)) => {}
         }
     }

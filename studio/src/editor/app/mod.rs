@@ -12,6 +12,7 @@ use std::time::Instant;
 
 use eframe::egui::{self, CentralPanel, Context, Key, Panel, Ui, ViewportCommand};
 use fabrica_engine::gpu::AdapterChoice;
+use fabrica_engine::read::limits::Limits;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 
@@ -19,7 +20,7 @@ use self::chrome::{Banner, Notice};
 use super::autosave::Autosave;
 use super::dialogs::{Dialog, Then};
 use super::file_dialog::{Answer, FileDialog};
-use super::files::{self, Job, Loaded, is_cancelled};
+use super::files::{self, Job, Opened, is_cancelled};
 use super::gallery::Gallery;
 use super::open_figure::OpenFigure;
 use super::painter::{Painter, Stage, Update};
@@ -32,6 +33,7 @@ use super::theme;
 use super::timings::Timings;
 use super::ui_command::UiCommand;
 use super::viewport::Viewport;
+use super::volume_choice::VolumeChoice;
 use crate::figure::Document;
 use crate::figure::template::VolumeSlot;
 
@@ -82,15 +84,19 @@ pub struct Editor {
     gallery: Gallery,
     session: Session,
     adapter: String,
+    /// What a volume may take: what the adapter says, once it is open, and what is free.
+    limits: Limits,
     system_dialogs: bool,
     open: Option<OpenFigure>,
     autosave: Option<Autosave>,
     viewport: Viewport,
     layout: Layout,
-    loading: Option<Job<Loaded>>,
+    loading: Option<Job<Opened>>,
     /// A volume on its way into a slot; whether that is an edit, or only brings what the figure names.
     filling: Option<(Job<Arc<Volume>>, usize, VolumeSlot, bool)>,
     searching: Option<(Job<Vec<PathBuf>>, usize)>,
+    /// A file that is looked at, to ask how it shall be read.
+    asking: Option<Job<VolumeChoice>>,
     /// A slot whose volume could not be read, and why; it is not tried again by itself.
     missing: Option<(VolumeSlot, String)>,
     file_dialog: Option<FileDialog>,
@@ -126,6 +132,7 @@ impl Editor {
             orphans: options.session.recoverable(),
             session: options.session,
             adapter: String::new(),
+            limits: Limits::default(),
             system_dialogs: options.system_dialogs,
             open: None,
             autosave: None,
@@ -134,6 +141,7 @@ impl Editor {
             loading: None,
             filling: None,
             searching: None,
+            asking: None,
             missing: None,
             file_dialog: None,
             dialog: None,
@@ -156,7 +164,8 @@ impl Editor {
 
     /// Whether something is read, or a picture is still to come.
     pub fn is_busy(&self) -> bool {
-        let waits = self.loading.is_some() || self.filling.is_some() || self.searching.is_some();
+        let waits =
+            self.loading.is_some() || self.filling.is_some() || self.searching.is_some() || self.asking.is_some();
         let drawn = matches!(self.viewport.picture.stage, Some(Stage::Refined { .. } | Stage::Failed | Stage::Stopped));
         waits || self.open.as_ref().is_some_and(|open| open.missing().is_none() && !drawn)
     }
@@ -181,7 +190,8 @@ impl Editor {
         if let Some(result) = self.loading.as_ref().and_then(Job::finished) {
             self.loading = None;
             match result {
-                Ok(loaded) => self.show_loaded(ctx, loaded),
+                Ok(Opened::Figure(loaded)) => self.show_loaded(ctx, *loaded),
+                Ok(Opened::Asked(choice)) => self.dialog = Some(Dialog::Volume(choice)),
                 Err(error) if is_cancelled(&error) => self.notice = Notice::now("Opening was cancelled"),
                 Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
             }
@@ -190,7 +200,7 @@ impl Editor {
         let updates: Vec<Update> = self.painter.updates().collect();
         for update in updates {
             match update {
-                Update::Ready(name) => self.adapter = name,
+                Update::Ready { adapter, edge } => (self.adapter, self.limits.edge) = (adapter, Some(edge)),
                 Update::Restarted => self.notice = Notice::now("Graphics device restarted"),
                 update => {
                     if let Some(fault) = self.viewport.picture.take(ctx, update) {
@@ -312,7 +322,7 @@ impl Editor {
         let Some(open) = &mut self.open else { return };
         let ctx = ui.ctx().clone();
         let frame = theme::panel_frame(&ctx);
-        let mut wants_volume = false;
+        let mut wanted = None;
         let shown = !self.layout.hides_panels;
         if shown {
             Panel::right("right")
@@ -327,7 +337,7 @@ impl Editor {
                         ui.separator();
                     }
                     egui::ScrollArea::vertical().id_salt("properties").auto_shrink(false).show(ui, |ui| {
-                        wants_volume = properties::show(ui, open);
+                        wanted = properties::show(ui, open);
                     });
                 });
             Panel::bottom("function")
@@ -349,8 +359,10 @@ impl Editor {
         CentralPanel::default().frame(canvas).show(ui, |ui| {
             self.viewport.show(ui, open, &self.gallery, &mut self.layout.function, &self.painter);
         });
-        if wants_volume {
-            self.run(&ctx, UiCommand::ReplaceVolume);
+        match wanted {
+            None => {}
+            Some(properties::Wanted::Command(command)) => self.run(&ctx, command),
+            Some(properties::Wanted::Reading(number, slot)) => self.fill_with(&ctx, number, slot, self.limits),
         }
     }
 

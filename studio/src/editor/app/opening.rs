@@ -4,28 +4,32 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use eframe::egui::{Context, ViewportCommand};
+use fabrica_engine::read::limits::Limits;
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::statistics::Statistics;
 
 use super::super::autosave::Autosave;
-use super::super::files::{self, Job, Loaded, is_cancelled};
+use super::super::dialogs::Dialog;
+use super::super::files::{self, Job, Loaded, Opened, is_cancelled};
 use super::super::open_figure::OpenFigure;
 use super::super::panels::properties::shorter;
 use super::super::recovery::{Recoverable, RecoverySlot};
 use super::super::session::Pixels;
+use super::super::volume_choice::VolumeChoice;
 use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
 use crate::figure::shipped::SHIPPED;
-use crate::figure::template::Domain;
+use crate::figure::template::{Domain, VolumeSlot};
 use crate::figure::{Command, Document, Template};
 
 impl Editor {
     pub(super) fn load(&mut self, ctx: &Context, paths: Vec<PathBuf>) {
         let title = paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
-        self.begin_loading(Job::start(title, waker(ctx), move |progress| files::load(&paths, progress)));
+        let limits = self.limits;
+        self.begin_loading(Job::start(title, waker(ctx), move |progress| files::load(&paths, limits, progress)));
     }
 
-    pub(super) fn begin_loading(&mut self, job: Job<Loaded>) {
+    pub(super) fn begin_loading(&mut self, job: Job<Opened>) {
         if let Some(loading) = self.loading.replace(job) {
             loading.progress.cancel();
         }
@@ -34,7 +38,8 @@ impl Editor {
 
     pub(super) fn load_shipped(&mut self, ctx: &Context, which: usize) {
         let figure = SHIPPED[which].figure();
-        let job = Job::start(figure.title.clone(), waker(ctx), move |p| files::load_figure(figure, None, p));
+        let limits = self.limits;
+        let job = Job::start(figure.title.clone(), waker(ctx), move |p| files::load_figure(figure, None, limits, p));
         self.begin_loading(job);
     }
 
@@ -75,6 +80,11 @@ impl Editor {
                     self.viewport.picture.ask_again();
                 }
                 Err(error) if is_edit && is_cancelled(&error) => {}
+                Err(error)
+                    if is_edit && let Some(choice) = VolumeChoice::after(&error, &slot, Some(number), self.limits) =>
+                {
+                    self.dialog = Some(Dialog::Volume(Box::new(choice)));
+                }
                 Err(error) if is_edit => self.banner = Some(Banner::new(format!("{error:#}. The figure is as it was"))),
                 Err(error) => self.missing = Some((slot, format!("{error:#}"))),
             }
@@ -90,6 +100,14 @@ impl Editor {
                 Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
             }
         }
+        if let Some(result) = self.asking.as_ref().and_then(Job::finished) {
+            self.asking = None;
+            match result {
+                Ok(choice) => self.dialog = Some(Dialog::Volume(Box::new(choice))),
+                Err(error) if is_cancelled(&error) => {}
+                Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
+            }
+        }
         // Undo may bring back a slot that was never read.
         let Some(open) = self.open.as_ref().filter(|_| self.filling.is_none()) else { return };
         let Some(number) = open.missing() else { return };
@@ -98,7 +116,9 @@ impl Editor {
             return;
         }
         let (theirs, folder) = (slot.clone(), open.folder().to_owned());
-        let job = Job::start(slot.file.clone(), waker(ctx), move |p| files::load_slot(&theirs, &folder, p));
+        let job = Job::start(slot.file.clone(), waker(ctx), move |p| {
+            files::load_slot(&theirs, &folder, Limits::default(), p)
+        });
         self.filling = Some((job, number, slot, false));
     }
 
@@ -107,23 +127,49 @@ impl Editor {
         let Some(open) = &self.open else { return };
         let Some(slot) = open.document.figure().volumes.get(number) else { return };
         match files::slot_for(slot, path) {
-            Ok(slot) => {
-                let theirs = slot.clone();
-                let job =
-                    Job::start(slot.file.clone(), waker(ctx), move |p| files::load_slot(&theirs, Path::new(""), p));
-                self.filling = Some((job, number, slot, true));
-            }
+            Ok(slot) => self.fill_with(ctx, number, slot, self.limits),
             Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
+        }
+    }
+
+    /// Reads what a slot names, if it is within the limits; once it is there, it takes the place of slot `number`.
+    pub(super) fn fill_with(&mut self, ctx: &Context, number: usize, slot: VolumeSlot, limits: Limits) {
+        let folder = self.open.as_ref().map(|open| open.folder().to_owned()).unwrap_or_default();
+        let theirs = slot.clone();
+        let job = Job::start(slot.file.clone(), waker(ctx), move |p| files::load_slot(&theirs, &folder, limits, p));
+        self.filling = Some((job, number, slot, true));
+    }
+
+    /// Looks at the file of a slot, to ask how it shall be read.
+    pub(super) fn ask_how_to_read(&mut self, ctx: &Context, number: usize) {
+        let Some(open) = &self.open else { return };
+        let Some(slot) = open.document.figure().volumes.get(number).cloned() else { return };
+        let folder = open.folder().to_owned();
+        let (title, limits) = (slot.file.clone(), self.limits);
+        self.asking = Some(Job::start(title, waker(ctx), move |p| files::ask(&slot, &folder, number, limits, p)));
+    }
+
+    /// A volume is read as it was answered.
+    pub(super) fn volume_chosen(&mut self, ctx: &Context, choice: &VolumeChoice) {
+        match (choice.answer(), choice.place) {
+            (Ok((slot, limits)), Some(number)) => self.fill_with(ctx, number, slot, limits),
+            (Ok((slot, limits)), None) => {
+                let title = slot.file.clone();
+                self.begin_loading(Job::start(title, waker(ctx), move |p| files::undressed(slot, limits, p)));
+            }
+            (Err(error), _) => self.banner = Some(Banner::new(format!("{error:#}"))),
         }
     }
 
     pub(super) fn show_loaded(&mut self, ctx: &Context, loaded: Loaded) {
         let notes = loaded.notes.join("; ");
         let unread = loaded.volumes.is_empty() && !loaded.figure.volumes.is_empty();
-        let slot = loaded.figure.volumes.first().cloned();
+        let place = loaded.asked.as_ref().and_then(|asked| asked.place).unwrap_or(0);
+        let slot = loaded.figure.volumes.get(place).cloned();
         self.show_document(ctx, Document::new(loaded.figure), loaded.path, &loaded.volumes, None);
         if let (true, Some(slot)) = (unread, slot) {
             self.missing = Some((slot, notes));
+            self.dialog = loaded.asked.map(|choice| Dialog::Volume(Box::new(choice)));
         } else {
             self.notice = Notice::now(notes);
         }
@@ -153,7 +199,7 @@ impl Editor {
             drop(autosave.close());
         }
         self.open = None;
-        (self.filling, self.searching, self.missing) = (None, None, None);
+        (self.filling, self.searching, self.asking, self.missing) = (None, None, None, None);
         (self.banner, self.notice) = (None, Notice::default());
         self.viewport.picture.clear();
         self.viewport.dismiss();

@@ -5,8 +5,9 @@ use fabrica_engine::volume::{Modality, Volume};
 
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
+use super::super::ui_command::UiCommand;
 use crate::figure::Command;
-use crate::figure::template::{Background, Page, ProjectionName, QualityName};
+use crate::figure::template::{Background, Page, ProjectionName, QualityName, VolumeSlot};
 
 /// Width of the labels.
 const LABEL: f32 = 104.0;
@@ -79,14 +80,22 @@ fn section(ui: &mut Ui, title: &str, open: bool, add: impl FnOnce(&mut Ui)) {
     CollapsingHeader::new(WidgetText::from(theme::heading(title))).default_open(open).show_unindented(ui, add);
 }
 
-/// The panel; the button for another volume was pressed if it says so.
-pub fn show(ui: &mut Ui, open: &mut OpenFigure) -> bool {
-    let mut wants_volume = false;
+/// What is asked for that is no edit.
+pub enum Wanted {
+    /// A command of the window.
+    Command(UiCommand),
+    /// Slot number so-and-so read in another way.
+    Reading(usize, VolumeSlot),
+}
+
+/// The panel, and what is asked for in it.
+pub fn show(ui: &mut Ui, open: &mut OpenFigure) -> Option<Wanted> {
+    let mut wanted = None;
     section(ui, "Appearance", true, |ui| appearance(ui, open));
     section(ui, "Figure", true, |ui| page(ui, open));
     section(ui, "View", false, |ui| view(ui, open));
-    section(ui, "Source", true, |ui| wants_volume = source(ui, open));
-    wants_volume
+    section(ui, "Source", true, |ui| wanted = source(ui, open));
+    wanted
 }
 
 fn appearance(ui: &mut Ui, open: &mut OpenFigure) {
@@ -215,10 +224,11 @@ fn view(ui: &mut Ui, open: &mut OpenFigure) {
     open.edit_by(&response, response.changed().then_some(Command::SetCamera(camera)));
 }
 
-fn source(ui: &mut Ui, open: &OpenFigure) -> bool {
-    let figure = open.document.figure();
-    let slot = open.chosen().and_then(|o| figure.volumes.iter().find(|v| v.name == o.volume));
-    if let Some(slot) = slot {
+fn source(ui: &mut Ui, open: &OpenFigure) -> Option<Wanted> {
+    let mut wanted = None;
+    let number = open.chosen_slot();
+    let slot = number.map(|n| (n, &open.document.figure().volumes[n]));
+    if let Some((_, slot)) = slot {
         let name = std::path::Path::new(&slot.file).file_name().unwrap_or_default().to_string_lossy().into_owned();
         ui.add(egui::Label::new(name).truncate()).on_hover_text(&slot.file);
     }
@@ -227,12 +237,41 @@ fn source(ui: &mut Ui, open: &OpenFigure) -> bool {
             for line in description(volume) {
                 ui.label(theme::small(ui.ctx(), line));
             }
+            if let Some((number, slot)) = slot.filter(|_| volume.num_frames > 1) {
+                wanted = frame(ui, slot, volume.num_frames).map(|slot| Wanted::Reading(number, slot));
+            }
+            for warning in &volume.warnings {
+                ui.add(egui::Label::new(theme::small(ui.ctx(), warning)).wrap());
+            }
         }
         None => {
             ui.label(theme::small(ui.ctx(), "The volume was not found."));
         }
     }
-    ui.button("Replace volume…").on_hover_text("Dresses another volume in this figure's look").clicked()
+    for command in [UiCommand::ReplaceVolume, UiCommand::ReadOtherwise] {
+        if ui.button(command.text()).on_hover_text(command.tooltip()).clicked() {
+            wanted = Some(Wanted::Command(command));
+        }
+    }
+    wanted
+}
+
+/// Which frame of several; the slot with another one, once the number is let go.
+fn frame(ui: &mut Ui, slot: &VolumeSlot, num_frames: usize) -> Option<VolumeSlot> {
+    // Every number on the way would be read: the one that is dragged is remembered until the end.
+    let id = ui.scope_id().with("frame");
+    let mut number = ui.data(|d| d.get_temp(id)).unwrap_or(slot.frame + 1);
+    let tooltip = "Which point in time, or component, of the file is drawn";
+    let response = row(ui, "Frame", tooltip, |ui, label| {
+        let field = DragValue::new(&mut number).range(1..=num_frames).update_while_editing(false);
+        ui.add(field.suffix(format!(" of {num_frames}")).custom_parser(parse_number)).accessible_name(label)
+    });
+    if response.dragged() {
+        ui.data_mut(|d| d.insert_temp(id, number));
+        return None;
+    }
+    ui.data_mut(|d| d.remove_temp::<usize>(id));
+    (number != slot.frame + 1).then(|| VolumeSlot { frame: number - 1, ..slot.clone() })
 }
 
 fn description(volume: &Volume) -> Vec<String> {

@@ -30,10 +30,8 @@ const PAGE_HEIGHTS_MM: (f64, f64) = (60.0, 230.0);
 /// Vertical field of view.
 const FOV_DEG: f64 = 30.0;
 
-/// The slot of a volume that is read from `file` (as templates name it), first frame.
-pub fn slot(file: String) -> VolumeSlot {
-    VolumeSlot { name: "volume".to_owned(), file, frame: 0, raw: None, extra: Default::default() }
-}
+/// The name of the slot of a first look's volume.
+pub const SLOT: &str = "volume";
 
 /// What people call a file: its name without folders and extensions; a specimen's own.
 fn name(file: &str) -> String {
@@ -254,7 +252,7 @@ mod tests {
     use super::*;
 
     fn look_of(volume: &Arc<Volume>) -> Template {
-        let template = first_look(volume, slot("a \"b\".nii".to_owned()), &Progress::new()).unwrap();
+        let template = first_look(volume, VolumeSlot::new(SLOT, "a \"b\".nii".to_owned()), &Progress::new()).unwrap();
         // What is written can be read.
         Template::parse(&template.to_json().unwrap()).unwrap()
     }
