@@ -6,15 +6,21 @@
 //! and checks sizes against the file before it allocates.
 
 pub mod dicom;
+pub mod image_folder;
 pub mod label_table;
 pub mod limits;
 pub mod mask_folder;
+pub mod metaimage;
 pub mod nifti;
+pub mod npy;
 pub mod nrrd;
+mod parts;
 pub mod raw;
+mod slices;
 mod stream;
 #[cfg(test)]
 mod testing;
+pub mod tiff;
 pub mod window;
 
 use std::path::Path;
@@ -134,8 +140,18 @@ pub trait VolumeReader: Sync {
 pub const HEAD_BYTES: usize = 4096;
 
 /// The formats, asked in this order.
-static READERS: [&dyn VolumeReader; 5] =
-    [&nifti::NiftiReader, &nrrd::NrrdReader, &dicom::DicomReader, &mask_folder::FolderReader, &raw::RawReader];
+static READERS: [&dyn VolumeReader; 9] = [
+    &nifti::NiftiReader,
+    &nrrd::NrrdReader,
+    &metaimage::MetaImageReader,
+    // Before TIFF: a file may be both, with DICOM meant.
+    &dicom::DicomReader,
+    &tiff::TiffReader,
+    &npy::NpyReader,
+    &mask_folder::FolderReader,
+    &image_folder::ImageFolderReader,
+    &raw::RawReader,
+];
 
 /// Reads a volume from a file or folder of any known format.
 ///
@@ -255,13 +271,6 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
             "decompress it first, or compress it with gzip",
         ));
     }
-    if let Some(format) = not_read_yet(path, &head) {
-        return Err(Error::file(
-            path,
-            format!("this is a {format} file, which Fabrica does not read yet"),
-            "convert it to NIfTI or NRRD (dcm2niix, 3D Slicer and ITK-SNAP can)",
-        ));
-    }
     READERS.iter().copied().find(|r| r.extensions().iter().any(|e| has_extension(path, e))).ok_or_else(|| {
         let of_files = READERS.iter().filter(|r| !r.extensions().is_empty());
         let formats: Vec<_> = of_files.map(|r| format!("{} (.{})", r.name(), r.extensions().join(", ."))).collect();
@@ -271,18 +280,6 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
             format!("convert it, or describe plain voxels with {}", raw::EXAMPLE),
         )
     })
-}
-
-/// A format of the field that has no reader yet.
-fn not_read_yet(path: &Path, head: &[u8]) -> Option<&'static str> {
-    let named = |extensions: &[&str]| extensions.iter().any(|e| has_extension(path, e));
-    if head.starts_with(b"ObjectType") || head.starts_with(b"NDims") || named(&["mha", "mhd"]) {
-        Some("MetaImage")
-    } else if head.starts_with(b"II*\0") || head.starts_with(b"MM\0*") || named(&["tif", "tiff"]) {
-        Some("TIFF")
-    } else {
-        None
-    }
 }
 
 /// The program behind a compressed file that is not gzip, from its first bytes.
@@ -312,11 +309,32 @@ fn volume_of(
     window: window::OnGrid,
     voxels: Voxels,
     rescale: Rescale,
+    warnings: Vec<String>,
+) -> Result<Volume> {
+    let make = |grid| Volume::new(grid, voxels, rescale, &entry.format);
+    described(path, entry, window, make, warnings)
+}
+
+/// As [`volume_of`], of sRGB colors with straight alpha.
+fn color_volume_of(
+    path: &Path,
+    entry: &Entry,
+    window: window::OnGrid,
+    colors: Vec<[u8; 4]>,
+    warnings: Vec<String>,
+) -> Result<Volume> {
+    described(path, entry, window, |grid| Volume::from_colors(grid, colors, &entry.format), warnings)
+}
+
+fn described(
+    path: &Path,
+    entry: &Entry,
+    window: window::OnGrid,
+    make: impl FnOnce(Grid) -> std::result::Result<Volume, String>,
     mut warnings: Vec<String>,
 ) -> Result<Volume> {
     let fault = |what| Error::file(path, what, "write the file again");
-    let grid = window.grid(&entry.grid).map_err(fault)?;
-    let mut volume = Volume::new(grid, voxels, rescale, &entry.format).map_err(fault)?;
+    let mut volume = window.grid(&entry.grid).and_then(make).map_err(fault)?;
     warnings.extend(window.note());
     volume.num_frames = entry.num_frames;
     volume.modality = entry.modality;

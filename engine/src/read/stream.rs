@@ -1,4 +1,4 @@
-//! From the bytes of a file to typed voxels: plain or gzip, either byte order, one copy in memory.
+//! From the bytes of a file to typed voxels: plain, gzip or zlib, either byte order, one copy in memory.
 //!
 //! A header is only a claim. Nothing here allocates because of one: what a plain file cannot hold is refused
 //! before the first byte is read ([`ByteSource::check_holds`]), and for compressed files the buffer grows with
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use bytemuck::Pod;
-use flate2::bufread::GzDecoder;
+use flate2::bufread::{GzDecoder, ZlibDecoder};
 
 use super::window::{Averaged, Averaging, Collector, OnGrid};
 use crate::error::{Error, Result};
@@ -81,8 +81,11 @@ pub enum Endian {
 }
 
 impl Endian {
+    /// The machine's.
+    pub const NATIVE: Self = if cfg!(target_endian = "little") { Self::Little } else { Self::Big };
+
     fn is_native(self) -> bool {
-        (self == Self::Little) == cfg!(target_endian = "little")
+        self == Self::NATIVE
     }
 }
 
@@ -100,7 +103,7 @@ pub fn size_bytes(dims: &[u64], element: ElementType) -> Option<u64> {
     (size <= i64::MAX as u64).then_some(size)
 }
 
-/// The decoded bytes of a file from some position on, for [`Read`]: plain, or the members of a gzip file.
+/// The decoded bytes of a file from some position on, for [`Read`]: plain, a zlib stream, or the members of a gzip file.
 pub struct ByteSource {
     path: PathBuf,
     stored_bytes: u64,
@@ -110,6 +113,7 @@ pub struct ByteSource {
 enum Bytes {
     Plain(BufReader<File>),
     Gzip(Box<GzipMembers>),
+    Zlib(Box<ZlibDecoder<BufReader<File>>>),
 }
 
 impl ByteSource {
@@ -133,15 +137,35 @@ impl ByteSource {
         Self::from_reader(path, file, start, is_gzip)
     }
 
+    /// Opens `path` at byte `start`, where compressed data begin: gzip if they say so, else zlib.
+    ///
+    /// # Errors
+    /// If the file cannot be opened or read.
+    pub fn open_deflated_at(path: &Path, start: u64) -> Result<Self> {
+        let mut file = open_buffered(path)?;
+        file.seek(SeekFrom::Start(start)).map_err(|e| Error::io(path, &e))?;
+        let is_gzip = is_gzip(file.fill_buf().map_err(|e| Error::io(path, &e))?);
+        let mut source = Self::from_reader(path, file, start, is_gzip)?;
+        if let Bytes::Plain(file) = source.bytes {
+            source.bytes = Bytes::Zlib(Box::new(ZlibDecoder::new(file)));
+        }
+        Ok(source)
+    }
+
     fn from_reader(path: &Path, file: BufReader<File>, start: u64, is_gzip: bool) -> Result<Self> {
         let length = file.get_ref().metadata().map_err(|e| Error::io(path, &e))?.len();
         let bytes = if is_gzip { Bytes::Gzip(Box::new(GzipMembers::new(file))) } else { Bytes::Plain(file) };
         Ok(Self { path: path.to_owned(), stored_bytes: length.saturating_sub(start), bytes })
     }
 
-    /// Whether the bytes come out of a decompressor.
+    /// Whether the bytes come out of gzip's decompressor.
     pub fn is_gzip(&self) -> bool {
         matches!(self.bytes, Bytes::Gzip(_))
+    }
+
+    /// Whether the bytes come out of a decompressor.
+    pub fn is_compressed(&self) -> bool {
+        !matches!(self.bytes, Bytes::Plain(_))
     }
 
     /// Refuses a header that promises more than the file can hold, before anything is allocated for it.
@@ -150,7 +174,7 @@ impl ByteSource {
     /// If `num_bytes` from here on exceed the file or, when it is compressed, what deflate can pack into it.
     pub fn check_holds(&self, num_bytes: u64) -> Result<()> {
         let stored = self.stored_bytes;
-        if self.is_gzip() {
+        if self.is_compressed() {
             if num_bytes > stored.saturating_mul(MAX_DEFLATE_RATIO) {
                 return Err(Error::file(
                     &self.path,
@@ -206,13 +230,13 @@ impl ByteSource {
         Ok(bytes)
     }
 
-    /// After the last voxel that is wanted: inflates the rest of a gzip file, because its checksum stands at the end and
-    /// a few wrong bytes are voxels like others.
+    /// After the last voxel that is wanted: inflates the rest of compressed data, because their checksum stands at the end
+    /// and a few wrong bytes are voxels like others.
     ///
     /// # Errors
     /// If the checksum says that the data are damaged, or is missing.
     pub fn finish(&mut self, progress: &Progress) -> Result<()> {
-        if !self.is_gzip() {
+        if !self.is_compressed() {
             return Ok(());
         }
         let mut rest = vec![0; 1 << 16];
@@ -237,6 +261,7 @@ impl Read for ByteSource {
         match &mut self.bytes {
             Bytes::Plain(file) => file.read(buffer),
             Bytes::Gzip(members) => members.read(buffer),
+            Bytes::Zlib(stream) => stream.read(buffer),
         }
     }
 }
@@ -342,8 +367,14 @@ pub fn skip_lines(path: &Path, start: u64, num_lines: u64) -> Result<u64> {
     }
 }
 
-/// The sentence for an error while decoding: a damaged stream, or the operating system's word.
+/// The sentence for an error while decoding: that of one of our own readers, a damaged stream, or the operating system's
+/// word.
 pub(super) fn decode_error(path: &Path, error: &io::Error) -> Error {
+    match error.get_ref().and_then(|inner| inner.downcast_ref::<Error>()) {
+        Some(Error::File { what, remedy, path }) => return Error::file(path, what, remedy),
+        Some(Error::Cancelled) => return Error::Cancelled,
+        _ => {}
+    }
     match error.kind() {
         ErrorKind::InvalidInput | ErrorKind::InvalidData => {
             Error::file(path, format!("the compressed data are damaged ({error})"), "copy or download it again")
@@ -421,6 +452,43 @@ fn read_binary<T: Pod + Averaged>(
         read_chunk(reader, &mut voxels[start..], start, what, path, progress)?;
     }
     Ok(voxels)
+}
+
+/// Decodes 8-bit colors of 3 channels, or of 4 with straight alpha, pixel by pixel from where `reader` stands: as sRGB with
+/// straight alpha.
+///
+/// # Errors
+/// As [`read_voxels`].
+pub fn read_colors(
+    reader: &mut impl Read,
+    num_channels: usize,
+    window: OnGrid,
+    path: &Path,
+    progress: &Progress,
+) -> Result<Vec<[u8; 4]>> {
+    let count = window.num_file_voxels();
+    let mut collector = Collector::new(window, Averaging::Mean, path);
+    let chunk_voxels = CHUNK_BYTES / num_channels;
+    let mut bytes = vec![0; chunk_voxels.min(count) * num_channels];
+    let mut colors = Vec::with_capacity(chunk_voxels.min(count));
+    let mut done = 0;
+    while !collector.is_full() && done < count {
+        let n = chunk_voxels.min(count - done);
+        let bytes = &mut bytes[..n * num_channels];
+        let got = read_full(reader, bytes).map_err(|e| decode_error(path, &e))?;
+        if got < bytes.len() {
+            let (got, size) = ((done * num_channels + got) as u64, (count as u64).saturating_mul(num_channels as u64));
+            return Err(ends_early(path, got, size, "of voxels"));
+        }
+        colors.clear();
+        colors.extend(
+            bytes.chunks_exact(num_channels).map(|c| [c[0], c[1], c[2], if num_channels == 4 { c[3] } else { 255 }]),
+        );
+        collector.push(&colors)?;
+        done += n;
+        progress.advance(got as u64)?;
+    }
+    Ok(collector.finish())
 }
 
 /// Fills `chunk`, whose first voxel is number `start` of the frame.
@@ -650,6 +718,65 @@ impl<R: Read> Read for PickedBytes<R> {
     }
 }
 
+/// The magnitudes of complex numbers (real part, imaginary part), for [`Read`]: in the type of the parts, in the machine's
+/// byte order.
+pub struct Magnitudes<R> {
+    reader: R,
+    element: ElementType,
+    endian: Endian,
+    bytes: Vec<u8>,
+    position: usize,
+}
+
+impl<R: Read> Magnitudes<R> {
+    /// Takes pairs of `element`, F32 or F64, from where `reader` stands.
+    pub fn new(reader: R, element: ElementType, endian: Endian) -> Self {
+        Self { reader, element, endian, bytes: Vec::new(), position: 0 }
+    }
+
+    fn refill(&mut self) -> io::Result<()> {
+        let mut pairs = vec![0; CHUNK_BYTES];
+        let got = read_full(&mut self.reader, &mut pairs)?;
+        self.bytes.clear();
+        self.position = 0;
+        let size = self.element.num_bytes();
+        for pair in pairs[..got].chunks_exact(2 * size) {
+            let (real, imaginary) = pair.split_at(size);
+            if size == 4 {
+                let magnitude = self.part(real).hypot(self.part(imaginary)) as f32;
+                self.bytes.extend(magnitude.to_ne_bytes());
+            } else {
+                self.bytes.extend(self.part(real).hypot(self.part(imaginary)).to_ne_bytes());
+            }
+        }
+        Ok(())
+    }
+
+    fn part(&self, bytes: &[u8]) -> f64 {
+        let mut little = [0; 8];
+        little[..bytes.len()].copy_from_slice(bytes);
+        if self.endian == Endian::Big {
+            little[..bytes.len()].reverse();
+        }
+        match bytes.len() {
+            4 => f64::from(f32::from_le_bytes([little[0], little[1], little[2], little[3]])),
+            _ => f64::from_le_bytes(little),
+        }
+    }
+}
+
+impl<R: Read> Read for Magnitudes<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.position == self.bytes.len() {
+            self.refill()?;
+        }
+        let n = buffer.len().min(self.bytes.len() - self.position);
+        buffer[..n].copy_from_slice(&self.bytes[self.position..self.position + n]);
+        self.position += n;
+        Ok(n)
+    }
+}
+
 /// Bytes written as pairs of hexadecimal digits, for [`Read`].
 pub struct HexBytes<R> {
     reader: R,
@@ -698,7 +825,7 @@ impl<R: Read> Read for HexBytes<R> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{Folder, gzip};
+    use super::super::testing::{Folder, gzip, zlib};
     use super::*;
 
     fn request(count: usize) -> VoxelRequest {
@@ -735,6 +862,26 @@ mod tests {
             assert_eq!(source.read_up_to(10).unwrap(), [1, 2, 3, 4, 5]);
             source.finish(&Progress::new()).unwrap();
         }
+    }
+
+    #[test]
+    fn zlib_streams_are_read_and_checked() {
+        let folder = Folder::new();
+        let good = zlib(&[1, 2, 3, 4]);
+        let read = |bytes: &[u8]| {
+            let mut source = ByteSource::open_deflated_at(&folder.write("a", bytes), 2).unwrap();
+            assert!(source.is_compressed());
+            // A stream this short is decoded, and its checksum looked at, at once.
+            let bytes = source.read_up_to(4).map_err(|e| e.to_string())?;
+            assert_eq!(bytes, [1, 2, 3, 4]);
+            source.finish(&Progress::new()).map_err(|e| e.to_string())
+        };
+        assert_eq!(read(&[b"xx", &good[..], b"more"].concat()), Ok(()));
+        assert_eq!(read(&[b"xx", &gzip(&[1, 2, 3, 4])[..]].concat()), Ok(()));
+        assert!(read(&[b"xx", &good[..good.len() - 1]].concat()).unwrap_err().contains("before its checksum"));
+        let mut bad = good;
+        *bad.last_mut().unwrap() ^= 1;
+        assert!(read(&[b"xx", &bad[..]].concat()).unwrap_err().contains("the compressed data are damaged"));
     }
 
     #[test]

@@ -18,7 +18,7 @@ const MAX_EXTENSION_BYTES: u64 = 4 << 20;
 pub fn is_intent(header: &Header, head: &[u8]) -> bool {
     let is_wide = header.layout.version == 2;
     let fields = Fields { bytes: head, endian: header.endian, is_wide };
-    fields.code(if is_wide { 504 } else { 68 }) == INTENT_LABEL
+    header.analyze.is_none() && fields.code(if is_wide { 504 } else { 68 }) == INTENT_LABEL
 }
 
 /// The table in the extensions between the header and the voxels at `data_start`. What cannot be read is none: the voxels
