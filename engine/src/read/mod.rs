@@ -111,8 +111,7 @@ pub trait VolumeReader: Sync {
 pub const HEAD_BYTES: usize = 4096;
 
 /// The formats, asked in this order.
-static READERS: [&dyn VolumeReader; 4] =
-    [&nifti::NiftiReader, &nrrd::NrrdReader, &dicom::DicomReader, &raw::RawReader];
+static READERS: [&dyn VolumeReader; 4] = [&nifti::NiftiReader, &nrrd::NrrdReader, &dicom::DicomReader, &raw::RawReader];
 
 /// Reads a volume from a file or folder of any known format.
 ///

@@ -35,7 +35,8 @@ pub fn volume(
     let has_between = planes.iter().any(|p| matches!(p, Plane::Between(..)));
     let target = if has_between || !window.is_whole() { stack.target.with_gaps() } else { stack.target };
     progress.begin("reading", planes.len() as u64 * slice_bytes(stack));
-    let reader = Reader { path, stack, target, slices, planes, window, progress, frames: frames_of(files, stack, slices) };
+    let reader =
+        Reader { path, stack, target, slices, planes, window, progress, frames: frames_of(files, stack, slices) };
     let mut warnings = stack.slices.warnings.clone();
     let voxels = match target.element {
         Element::U8 => Voxels::U8(reader.numbers(&mut warnings)?),

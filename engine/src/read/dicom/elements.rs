@@ -119,7 +119,10 @@ pub fn representation(tag: Tag, stated: VR) -> VR {
 #[derive(Clone, Debug)]
 enum Value {
     /// In the byte order of the data set.
-    Plain { vr: VR, bytes: Vec<u8> },
+    Plain {
+        vr: VR,
+        bytes: Vec<u8>,
+    },
     Items(Vec<Elements>),
 }
 

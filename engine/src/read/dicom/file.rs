@@ -395,7 +395,13 @@ impl Walk {
     }
 
     /// The items of a sequence up to `end` or to its delimiter.
-    fn items(&mut self, source: &mut Source, end: Option<u64>, depth: usize, is_implicit: bool) -> Walked<Vec<Elements>> {
+    fn items(
+        &mut self,
+        source: &mut Source,
+        end: Option<u64>,
+        depth: usize,
+        is_implicit: bool,
+    ) -> Walked<Vec<Elements>> {
         let mut items = Vec::new();
         loop {
             if end.is_some_and(|end| source.position >= end) {

@@ -69,7 +69,8 @@ pub fn list(folder: &Path, is_tree: bool, progress: &Progress) -> Result<Vec<Pat
             Err(error) if depth == 0 => return Err(Error::io(&folder, &error)),
             Err(_) => continue,
         };
-        let mut paths: Vec<PathBuf> = entries.flatten().filter(|e| !is_hidden(&e.file_name())).map(|e| e.path()).collect();
+        let mut paths: Vec<PathBuf> =
+            entries.flatten().filter(|e| !is_hidden(&e.file_name())).map(|e| e.path()).collect();
         paths.sort();
         for path in paths {
             if !path.is_dir() {
@@ -125,7 +126,5 @@ fn begins_as_dicom(path: &Path) -> bool {
     let is_file = fs::metadata(path).is_ok_and(|m| m.is_file());
     let mut head = [0; 512];
     is_file
-        && fs::File::open(path)
-            .and_then(|mut file| read_full(&mut file, &mut head))
-            .is_ok_and(|n| is_dicom(&head[..n]))
+        && fs::File::open(path).and_then(|mut file| read_full(&mut file, &mut head)).is_ok_and(|n| is_dicom(&head[..n]))
 }

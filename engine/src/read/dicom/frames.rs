@@ -93,7 +93,9 @@ impl<'a> Frames<'a> {
             let all = all.as_ref().map_err(|what| Error::file(path, what.clone(), REMEDY))?;
             bytes.extend_from_slice(all.get(first as usize..end as usize).ok_or_else(early)?);
         } else {
-            bytes.try_reserve_exact(num_bytes).map_err(|_| Error::file(path, "there is not enough memory for it", "close other programs"))?;
+            bytes
+                .try_reserve_exact(num_bytes)
+                .map_err(|_| Error::file(path, "there is not enough memory for it", "close other programs"))?;
             let stream = self.file.stream_from(start + first)?;
             stream.take(end - first).read_to_end(&mut bytes).map_err(|e| Error::io(path, &e))?;
             if bytes.len() < num_bytes {

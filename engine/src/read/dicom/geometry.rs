@@ -89,8 +89,7 @@ impl Placed {
         let [row, column] = first.axes?;
         let (spacing, is_spacing_known) = (first.spacing.unwrap_or([1.0; 2]), first.spacing.is_some());
         let normal = row.cross(column).normalize();
-        let mut at: Vec<(f64, Slice)> =
-            slices.into_iter().filter_map(|s| Some((s.position?.dot(normal), s))).collect();
+        let mut at: Vec<(f64, Slice)> = slices.into_iter().filter_map(|s| Some((s.position?.dot(normal), s))).collect();
         at.sort_by(|a, b| a.0.total_cmp(&b.0));
         let same = 0.01 * spacing[0].min(spacing[1]);
         let mut places: Vec<(f64, Vec<Slice>)> = Vec::new();
@@ -177,7 +176,8 @@ impl Placed {
         if num_frames > 1 {
             let what = (0..NUM_ORDERS).find(|&i| frames.windows(2).any(|f| f[0][0].order[i] != f[1][0].order[i]));
             let by = what.map_or("instance number", |i| ORDER_NAMES[i]);
-            warnings.push(format!("Each place has {num_frames} slices, which became frames in the order of their {by}."));
+            warnings
+                .push(format!("Each place has {num_frames} slices, which became frames in the order of their {by}."));
         }
         let world_from_index = ras(self.row * self.spacing[0], self.column * self.spacing[1], lean * step, origin);
         Ok(Arranged { frames, planes, world_from_index, warnings })
@@ -207,8 +207,10 @@ pub fn planes(places: &[f64], warnings: &mut Vec<String>) -> Result<(Vec<Plane>,
     let n = places.len();
     let length = places[n - 1] - places[0];
     let mean = length / (n - 1) as f64;
-    let deviation =
-        places.iter().enumerate().map(|(i, p)| (p - places[0] - mean * i as f64).abs()).fold(0.0, f64::max);
+    // Rounding puts slices off to both sides: of an even stack between them, each is off by half of that.
+    let off = places.iter().enumerate().map(|(i, p)| p - places[0] - mean * i as f64);
+    let (least_off, most_off) = off.fold((0.0, 0.0), |(a, b): (f64, f64), off| (a.min(off), b.max(off)));
+    let deviation = (most_off - least_off) / 2.0;
     let all = || (0..n).map(Plane::At).collect();
     if deviation <= (ROUNDING.0 * mean).max(ROUNDING.1) {
         return Ok((all(), mean));
@@ -295,7 +297,9 @@ fn arrange_unplaced(mut slices: Vec<Slice>) -> Result<Arranged, Clause> {
     } else {
         let step = stated.unwrap_or_else(|| {
             if slices.len() > 1 {
-                warnings.push("The file does not say how far apart its slices lie: as far as its pixels was assumed.".to_owned());
+                warnings.push(
+                    "The file does not say how far apart its slices lie: as far as its pixels was assumed.".to_owned(),
+                );
             }
             f64::midpoint(spacing[0], spacing[1])
         });

@@ -369,7 +369,8 @@ pub fn slices_of(index: usize, file: &DicomFile, image: &Image) -> Result<Vec<Sl
                     .or_else(|| number(None, tags::DIFFUSION_B_VALUE)),
                 number(None, tags::ACQUISITION_NUMBER),
                 number(None, tags::ECHO_NUMBERS),
-                number(Some(tags::MR_ECHO_SEQUENCE), tags::EFFECTIVE_ECHO_TIME).or_else(|| number(None, tags::ECHO_TIME)),
+                number(Some(tags::MR_ECHO_SEQUENCE), tags::EFFECTIVE_ECHO_TIME)
+                    .or_else(|| number(None, tags::ECHO_TIME)),
             ];
             let image_type = e.word(tags::IMAGE_TYPE).unwrap_or_default();
             Ok(Slice {
@@ -432,9 +433,8 @@ impl FrameGroups<'_> {
         let numbers = self.numbers(Some(tags::PLANE_ORIENTATION_SEQUENCE), tags::IMAGE_ORIENTATION_PATIENT);
         let [a, b, c, d, e, f] = numbers[..] else { return Ok(None) };
         let [row, column] = [DVec3::new(a, b, c), DVec3::new(d, e, f)];
-        let are_axes = (row.length() - 1.0).abs() < 0.05
-            && (column.length() - 1.0).abs() < 0.05
-            && row.dot(column).abs() < 0.05;
+        let are_axes =
+            (row.length() - 1.0).abs() < 0.05 && (column.length() - 1.0).abs() < 0.05 && row.dot(column).abs() < 0.05;
         if are_axes {
             return Ok(Some([row.normalize(), column.normalize()]));
         }

@@ -148,7 +148,8 @@ impl Opened {
         let mut notes = Vec::new();
         if !self.damaged.is_empty() {
             let n = self.damaged.len();
-            let files = if n == 1 { "1 damaged DICOM file was".to_owned() } else { format!("{n} damaged DICOM files were") };
+            let files =
+                if n == 1 { "1 damaged DICOM file was".to_owned() } else { format!("{n} damaged DICOM files were") };
             notes.push(format!("{files} left out."));
         }
         if let Some(wanted) = options.series.as_deref() {
@@ -161,7 +162,8 @@ impl Opened {
         let fit: Vec<usize> = (0..stacks.len()).filter(|&i| is_fit(&stacks[i])).collect();
         if let [only] = fit[..] {
             let n = stacks.len() - 1;
-            let others = if n == 1 { "1 other series or picture".to_owned() } else { format!("{n} other series or pictures") };
+            let others =
+                if n == 1 { "1 other series or picture".to_owned() } else { format!("{n} other series or pictures") };
             notes.push(format!("{others} beside it were left out."));
             return Ok((only, notes));
         }
@@ -180,9 +182,16 @@ impl Opened {
         if let Some(i) = stacks.iter().position(|s| s.entry.key == wanted) {
             return Ok(i);
         }
+        // Before descriptions: whoever reads the numbered list and takes a number does not mean a digit of a description.
+        if let Ok(number @ 1..) = wanted.parse::<usize>()
+            && number <= stacks.len()
+        {
+            return Ok(number - 1);
+        }
         let part = wanted.to_lowercase();
-        let with_part: Vec<usize> =
-            (0..stacks.len()).filter(|&i| !part.is_empty() && stacks[i].entry.title.to_lowercase().contains(&part)).collect();
+        let with_part: Vec<usize> = (0..stacks.len())
+            .filter(|&i| !part.is_empty() && stacks[i].entry.title.to_lowercase().contains(&part))
+            .collect();
         match with_part[..] {
             [only] => return Ok(only),
             [] => {}
@@ -193,11 +202,6 @@ impl Opened {
                     "choose one by its number",
                 ));
             }
-        }
-        if let Ok(number @ 1..) = wanted.parse::<usize>()
-            && number <= stacks.len()
-        {
-            return Ok(number - 1);
         }
         // It may be one that makes no volume.
         let faults = &self.found.faults;
@@ -243,7 +247,11 @@ fn not_dicom(path: &Path) -> Error {
     if super::stream::ByteSource::open(path).is_ok_and(|source| source.is_gzip()) {
         Error::file(path, "this DICOM file is compressed with gzip", "decompress it first")
     } else {
-        Error::file(path, "this is no DICOM file: neither a preamble nor a data set begins it", "check what the file is")
+        Error::file(
+            path,
+            "this is no DICOM file: neither a preamble nor a data set begins it",
+            "check what the file is",
+        )
     }
 }
 

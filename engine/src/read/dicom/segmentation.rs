@@ -141,7 +141,12 @@ impl Layout {
     /// The structure of a number; one that the file does not describe is called by it.
     fn label(&self, number: u32) -> Label {
         let known = self.labels.iter().find(|l| l.id == number).cloned();
-        known.unwrap_or_else(|| Label { id: number, name: number.to_string(), color: distinct_color(number), code: None })
+        known.unwrap_or_else(|| Label {
+            id: number,
+            name: number.to_string(),
+            color: distinct_color(number),
+            code: None,
+        })
     }
 
     fn background() -> Label {
@@ -352,7 +357,9 @@ mod tests {
 
     #[test]
     fn lab_codes_are_the_colors_that_they_mean() {
-        let codes = |l: f64, a: f64, b: f64| [l / 100.0 * 65_535.0, (a + 128.0) / 255.0 * 65_535.0, (b + 128.0) / 255.0 * 65_535.0];
+        let codes = |l: f64, a: f64, b: f64| {
+            [l / 100.0 * 65_535.0, (a + 128.0) / 255.0 * 65_535.0, (b + 128.0) / 255.0 * 65_535.0]
+        };
         // sRGB white, black, middle gray and red as CIELab under D50 (Lindbloom).
         for (lab, rgb) in [
             ([100.0, 0.0, 0.0], [255, 255, 255]),

@@ -154,7 +154,9 @@ fn stack(path: &Path, image: &Image, mut slices: Arranged) -> Result<Stack> {
     let grid = grid_of(path, dims, slices.world_from_index)?;
     let target = Target::of(&format, image.modality, slices.frames.iter().flatten());
     if image.has_value_table {
-        slices.warnings.push("A table of values in the file was not applied: the values are as they are stored.".to_owned());
+        slices
+            .warnings
+            .push("A table of values in the file was not applied: the values are as they are stored.".to_owned());
     }
     slices.warnings.extend(target.note());
     let files: HashSet<usize> = slices.frames.iter().flatten().map(|s| s.file).collect();
@@ -203,7 +205,12 @@ fn name(stacks: &mut [Stack]) {
     for stack in stacks {
         let [x, y, z] = stack.entry.grid.dims();
         let s = stack.entry.grid.spacing_mm();
-        let words = [stack.code.as_str(), &stack.entry.title, &format!("{x}x{y}x{z}"), &format!("{:.2}x{:.2}x{:.2}", s.x, s.y, s.z)];
+        let words = [
+            stack.code.as_str(),
+            &stack.entry.title,
+            &format!("{x}x{y}x{z}"),
+            &format!("{:.2}x{:.2}x{:.2}", s.x, s.y, s.z),
+        ];
         let words: Vec<&str> = words.into_iter().filter(|w| !w.is_empty()).collect();
         let key = words.join(" ");
         let num_alike = given.iter().filter(|k| **k == key).count();

@@ -134,7 +134,10 @@ impl Target {
         if self.is_inverted {
             Some("The picture is stored as a negative (MONOCHROME1): its values were turned around.".to_owned())
         } else if self.is_negative {
-            Some("The picture is shown as a negative elsewhere (MONOCHROME1): its values are as they were measured.".to_owned())
+            Some(
+                "The picture is shown as a negative elsewhere (MONOCHROME1): its values are as they were measured."
+                    .to_owned(),
+            )
         } else {
             None
         }
@@ -238,11 +241,7 @@ impl Bits {
 
     fn convert<T: Number>(&self, stored: impl Iterator<Item = u32>, rescale: Rescale, to: &mut [T]) {
         let extend = |word: u32, left: u32, right: u32| {
-            if self.is_signed {
-                i64::from((word << left) as i32 >> right)
-            } else {
-                i64::from((word << left) >> right)
-            }
+            if self.is_signed { i64::from((word << left) as i32 >> right) } else { i64::from((word << left) >> right) }
         };
         for (to, word) in to.iter_mut().zip(stored) {
             let number = extend(word, self.left, self.right);

@@ -66,7 +66,8 @@ fn frame_header(data: &[u8]) -> Result<FrameHeader, String> {
         let length = usize::from(u16::from_be_bytes([high, low]));
         let is_frame = matches!(code, 0xc0..=0xcf) && !matches!(code, 0xc4 | 0xc8 | 0xcc);
         if is_frame {
-            let Some(&[bits, y1, y0, x1, x0, samples]) = data.get(at + 4..at + 10).and_then(|b| b.first_chunk::<6>()) else {
+            let Some(&[bits, y1, y0, x1, x0, samples]) = data.get(at + 4..at + 10).and_then(|b| b.first_chunk::<6>())
+            else {
                 return Err("its JPEG data end before the picture".to_owned());
             };
             return Ok(FrameHeader {

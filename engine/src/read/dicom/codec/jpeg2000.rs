@@ -28,8 +28,7 @@ pub fn decode(data: &[u8], format: &PixelFormat) -> Result<Decoded, String> {
     }
     // The decoder lifts signed numbers as it does unsigned ones.
     let lift = if size.is_signed { 1_i64 << (size.bits - 1) } else { 0 };
-    let (low, high) =
-        if size.is_signed { (-lift, lift - 1) } else { (0, (1_i64 << size.bits) - 1) };
+    let (low, high) = if size.is_signed { (-lift, lift - 1) } else { (0, (1_i64 << size.bits) - 1) };
     let width = format.sample_bytes();
     let mut bytes = vec![0; n * format.samples * width];
     for (i, component) in components.iter().enumerate() {
@@ -61,7 +60,8 @@ impl Size {
     fn find(data: &[u8]) -> Option<Self> {
         // Some writers wrap the codestream in the boxes of a JP2 file.
         const START: [u8; 4] = [0xff, 0x4f, 0xff, 0x51];
-        let codestream = if data.starts_with(&START) { 0 } else { data.windows(4).take(4096).position(|w| w == START)? };
+        let codestream =
+            if data.starts_with(&START) { 0 } else { data.windows(4).take(4096).position(|w| w == START)? };
         let siz = data.get(codestream + 4..)?;
         let word = |at: usize| {
             let bytes = siz.get(at..at + 4)?;
