@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod dicom;
 mod estimate;
 mod extremes;
 mod orientation;

@@ -128,7 +128,9 @@ fn real_files_are_what_the_table_says() {
 #[test]
 fn a_frame_too_many_is_refused_with_the_number_of_frames() {
     let Some(path) = fabrica_tests::data("pcasl_4d.nii.gz") else { return };
-    let error = read_volume(&path, &ReadOptions { frame: 10, raw: None }, &Progress::new()).unwrap_err().to_string();
+    let error = read_volume(&path, &ReadOptions { frame: 10, ..ReadOptions::default() }, &Progress::new())
+        .unwrap_err()
+        .to_string();
     assert!(error.contains("there is no frame 10: the file has 10 frames; choose 0 to 9"), "{error}");
 }
 
