@@ -143,7 +143,12 @@ impl Look {
                 Self::tones(statistics)
             }
             // A white cast leaves colors as they are.
-            Kind::CutOut => Self { domain: Domain::Data, nodes: vec![(0.0, "plaster", 1.0)], gradient_scale_mm: None },
+            Kind::CutOut => Self {
+                domain: Domain::Data,
+                nodes: vec![(0.0, "plaster", 1.0)],
+                // Most come from numbers of structures: what shades them is smoothed more than an image is.
+                gradient_scale_mm: Some(2.0 * volume.grid.spacing_mm().min_element()),
+            },
             Kind::Colors => {
                 // Otsu's threshold lies among the colors: of these, the dark ones are far above what is black.
                 let (dark, seen) = (0.05 * statistics.background, 0.2 * statistics.background);
