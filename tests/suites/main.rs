@@ -6,6 +6,7 @@ mod colors;
 mod dicom;
 mod estimate;
 mod extremes;
+mod hostile;
 mod labels;
 mod orientation;
 mod pipelines;
