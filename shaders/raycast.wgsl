@@ -9,7 +9,7 @@
 #import lib/composite
 #import lib/face
 #import lib/fullscreen
-#import lib/gradient
+#import {gradient}
 #import lib/opacity
 #import lib/ray
 #import lib/skip
@@ -18,6 +18,11 @@
 #import {sampling}
 #import {no_data}
 #import {resume}
+#if colors
+#import bind/colors
+#import lib/strongest_change
+#import lib/tint
+#end
 
 // Parts of a piece that shows something.
 const PARTS: u32 = 4u;
@@ -55,7 +60,11 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     var front = 0.0;
     var known = false;
     // Value, gradient and normal at the part boundary that was reached last; `met`: it is the front of piece k.
+#if colors
+    var edge = Edge(0.0, mat3x4f(), vec3f(0.0));
+#else
     var edge = Edge(0.0, vec3f(0.0), vec3f(0.0));
+#end
     var met = false;
     loop {
         var visible = false;
@@ -104,8 +113,14 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 let along = f32(k) + mix(before, place, w);
                 let p = first + along * stride;
                 let depth = frame.near_depth + (span.x + along * step) * ray.depth_per_mm;
+#if colors
+                let gradient = strongest_change(edge.gradient + w * (next.gradient - edge.gradient));
+                let style = tint(shade(piece.node / max(piece.extinction, 1e-30), gradient, face_normal(p),
+                    ray.world_direction, axes, style_level(depth)), color_at(p));
+#else
                 let style = shade(piece.node / max(piece.extinction, 1e-30), mix(edge.gradient, next.gradient, w),
                     face_normal(p), ray.world_direction, axes, style_level(depth));
+#end
                 let alpha = style.a * one_minus_exp(-piece.extinction) * validity_at(p);
                 let opacity = opacity_correct(alpha, exponent * (place - before) * share);
                 accumulated = composite(accumulated, style, select(opacity, 0.0, j == 0u));
@@ -131,14 +146,22 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 // What the data say at the boundary of two parts.
 struct Edge {
     value: f32,
+#if colors
+    gradient: mat3x4f,
+#else
     gradient: vec3f,
+#end
     normal: vec3f,
 }
 
 fn edge_at(p: vec3f) -> Edge {
     let gradient = gradient_at(p);
     let value = sample_volume(volume, volume_sampler, p, object.texel_scale);
+#if colors
+    return Edge(value, gradient, surface_normal(strongest_change(gradient), face_normal(p)));
+#else
     return Edge(value, gradient, surface_normal(gradient, face_normal(p)));
+#end
 }
 
 // Place of boundary j of the parts of a piece, in steps from its front.

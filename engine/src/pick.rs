@@ -9,12 +9,13 @@
 use std::cell::OnceCell;
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3, DVec4};
 
+use crate::reference::color::{Jacobian, premultiplied};
 use crate::reference::opacity::opacity_correct;
 use crate::reference::piece::classify_piece;
 use crate::reference::ray::{Ray, ray_from_pixel, samples};
-use crate::reference::sample::{central_differences, trilinear};
+use crate::reference::sample::{Quantity, central_differences, trilinear};
 use crate::reference::style::{
     Face, RayFrame, at_node, face_normal, ray_frame, shade, steepness, style_level, style_normal,
 };
@@ -150,27 +151,48 @@ impl Field<'_> {
         trilinear(self.object.volume.grid.dims(), p, |x, y, z| self.voxel(x, y, z))
     }
 
-    /// Data value at `p`, smoothed by a Gaussian of deviation `sigma` (in voxels along each axis).
-    fn smoothed(&self, p: DVec3, sigma: DVec3) -> f64 {
-        if sigma == DVec3::ZERO {
-            return self.value(p);
-        }
-        let mut sum = 0.0;
-        for (z, weight_z) in GAUSSIAN {
-            for (y, weight_y) in GAUSSIAN {
-                for (x, weight_x) in GAUSSIAN {
-                    sum += weight_x * weight_y * weight_z * self.value(p + DVec3::new(x, y, z) * sigma);
-                }
-            }
-        }
-        sum
+    /// Premultiplied linear color at `p`, in a volume of colors.
+    fn color(&self, colors: &[[u8; 4]], p: DVec3) -> DVec4 {
+        let dims = self.object.volume.grid.dims();
+        trilinear(dims, p, |x, y, z| premultiplied(colors[x + dims[0] * (y + dims[1] * z)]))
     }
 
-    /// Weight, from 0 to 1, of the voxels around `p` that have data.
+    /// ĝ's numerator at `p`: the gradient of the data, or what the change of colors makes of it, smoothed by a Gaussian of
+    /// deviation `sigma` (in voxels along each axis).
+    fn gradient(&self, p: DVec3, sigma: DVec3, to_world: DMat3) -> DVec3 {
+        match &self.object.volume.colors {
+            None => central_differences(|p| smoothed(|p| self.value(p), p, sigma), to_world, p),
+            Some(colors) => Jacobian::at(|p| smoothed(|p| self.color(colors, p), p, sigma), to_world, p).gradient(),
+        }
+    }
+
+    /// Weight, from 0 to 1, of the voxels around `p` that have data, and the alpha of colors.
     fn has_data(&self, p: DVec3) -> f64 {
         let volume = &self.object.volume;
+        if let Some(colors) = &volume.colors {
+            return self.color(colors, p).w;
+        }
         trilinear(volume.grid.dims(), p, |x, y, z| if volume.value(x, y, z).is_finite() { 1.0 } else { 0.0 })
     }
+}
+
+/// A field at `p`, smoothed by a Gaussian of deviation `sigma` (in voxels along each axis).
+fn smoothed<T: Quantity>(field: impl Fn(DVec3) -> T, p: DVec3, sigma: DVec3) -> T {
+    let middle = field(p);
+    if sigma == DVec3::ZERO {
+        return middle;
+    }
+    // As differences from the middle, which keep a constant.
+    let mut sum = middle;
+    for (z, weight_z) in GAUSSIAN {
+        for (y, weight_y) in GAUSSIAN {
+            for (x, weight_x) in GAUSSIAN {
+                let weight = weight_x * weight_y * weight_z;
+                sum = sum + (field(p + DVec3::new(x, y, z) * sigma) - middle) * weight;
+            }
+        }
+    }
+    sum
 }
 
 /// One ray through an object.
@@ -209,7 +231,7 @@ impl<'a> Line<'a> {
         let volume = &self.field.object.volume;
         let to_world = volume.grid.world_gradient_from_index();
         let sigma = DVec3::splat(self.field.object.gradient_scale_mm) / volume.grid.spacing_mm();
-        let g = central_differences(|p| self.field.smoothed(p, sigma), to_world, self.at(t));
+        let g = self.field.gradient(self.at(t), sigma, to_world);
         (g / volume.gradient_max(), face_normal(&volume.grid, self.at(t)))
     }
 

@@ -173,6 +173,8 @@ fn specimens_need_no_file_and_are_cached() {
     assert_eq!(first, std::fs::read(place.path("c.png")).unwrap());
     assert!(place.fails(&["inspect", "specimen:unicorn"], 1).contains("head"));
     assert!(place.fails(&["inspect", "specimen:head@x"], 2).contains("specimen:head@128"));
+    assert!(place.fails(&["inspect", "specimen:head,tall"], 2).contains("mirrored"));
+    assert!(place.fails(&["inspect", "specimen:head@32,without=tail"], 1).contains("mandible"));
 }
 
 #[test]
@@ -266,6 +268,14 @@ fn inspect_schema_and_adapters_speak_json() {
         (&list[0]["number"], &list[0]["bytes"], &list[0]["adapter_bytes"]),
         (&1.into(), &512.into(), &3072.into())
     );
+    let variant = json(&["inspect", "specimen:turtle@32,mr,size=2,without=scutes", "--json"]);
+    assert_eq!(variant["modality"], "mr");
+    assert!((variant["size_mm"][1].as_f64().unwrap() - 624.0).abs() < 1.0, "{}", variant["size_mm"]);
+    assert_eq!(variant["structures"][1]["name"], "scutes");
+    assert_eq!(variant["structures"][1]["volume_ml"], 0.0);
+    // From the cache as well.
+    assert_eq!(json(&["inspect", "specimen:turtle@32,size=2,mr,without=scutes", "--json"])["modality"], "mr");
+    assert_eq!(json(&["inspect", "specimen:engine@32", "--json"])["modality"], "unknown");
     let schema = json(&["schema"]);
     assert!(schema["properties"]["objects"].is_object() && schema["required"].to_string().contains("fabrica"));
     assert!(json(&["styles", "--json"]).as_array().unwrap().len() >= 8);

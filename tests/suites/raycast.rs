@@ -117,7 +117,11 @@ fn every_sampling_path_draws_the_same_picture() {
     let scene = phantom::scene(&lumpy(), VEIL, Quality::STANDARD);
     let mut first: Option<FloatImage> = None;
     for (r16_filterable, r32_filterable) in [(true, true), (false, true), (false, false)] {
-        let context = software().with_formats(VolumeFormats { r16_filterable, r32_filterable });
+        let context = software().with_formats(VolumeFormats {
+            r16_filterable,
+            rgba16_filterable: r16_filterable,
+            r32_filterable,
+        });
         let image = draw(&mut Renderer::new(context), &scene, [64, 64]);
         if let Some(first) = &first {
             let pairs = first.pixels.iter().flatten().zip(image.pixels.iter().flatten());

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use fabrica_engine::Progress;
 use fabrica_engine::render::RenderOptions;
+use fabrica_engine::specimen::Request;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_studio::figure::Template;
 use fabrica_studio::figure::bridge::{Replacement, load_volumes, scene};
@@ -23,7 +24,7 @@ fn shipped() -> Vec<PathBuf> {
 }
 
 fn small_head() -> Replacement {
-    let source = VolumeSource::Specimen { name: "head".to_owned(), resolution: 64 };
+    let source = VolumeSource::Specimen(Request::plain("head", 64));
     Replacement { source, options: Default::default() }
 }
 
@@ -65,7 +66,7 @@ fn shipped_templates_draw_a_small_head() {
 #[test]
 fn a_template_fits_another_dataset_by_percentiles() {
     let (Some(a), Some(b)) = (data("orient_RAS.nii.gz"), data("someones_anatomy.nii.gz")) else { return };
-    let mut template = Template::read(&shipped()[0]).unwrap();
+    let mut template = Template::read(&checkout().join("templates/head.json")).unwrap();
     let function = &mut template.objects[0].transfer_function;
     function.domain = Domain::Percentile;
     function.nodes.truncate(2);
@@ -94,7 +95,7 @@ fn a_template_fits_another_dataset_by_percentiles() {
 fn faults_are_sentences() {
     let styles = StyleLibrary::embedded();
     let progress = Progress::new();
-    let mut template = Template::read(&shipped()[0]).unwrap();
+    let mut template = Template::read(&checkout().join("templates/head.json")).unwrap();
     let volumes = load_volumes(&template, checkout(), &[small_head()], &progress).unwrap();
     template.objects[0].transfer_function.nodes[0].style = "porcelan".to_owned();
     let message = scene(&template, &volumes, &styles, &progress).unwrap_err().to_string();

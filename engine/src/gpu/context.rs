@@ -56,7 +56,9 @@ pub struct AdapterDescription {
 pub struct VolumeFormats {
     /// R16Unorm can be created and filtered.
     pub r16_filterable: bool,
-    /// R32Float can be filtered.
+    /// Rgba16Unorm can be created and filtered.
+    pub rgba16_filterable: bool,
+    /// R32Float (and so Rgba32Float) can be filtered.
     pub r32_filterable: bool,
 }
 
@@ -119,6 +121,8 @@ fn formats_of(adapter: &wgpu::Adapter) -> VolumeFormats {
     VolumeFormats {
         r16_filterable: features.contains(wgpu::Features::TEXTURE_FORMAT_16BIT_NORM)
             && filterable(wgpu::TextureFormat::R16Unorm),
+        rgba16_filterable: features.contains(wgpu::Features::TEXTURE_FORMAT_16BIT_NORM)
+            && filterable(wgpu::TextureFormat::Rgba16Unorm),
         r32_filterable: features.contains(wgpu::Features::FLOAT32_FILTERABLE)
             && filterable(wgpu::TextureFormat::R32Float),
     }

@@ -1,7 +1,8 @@
 //! Shader texts: the modules under `shaders/`, and the one resolver that puts together what a pipeline key needs.
 //!
-//! `#import bind/frame` pulls a module in once; `#import {sampling}` names a choice that the key makes. A feature
-//! that the scene lacks is not in the text, so it costs nothing.
+//! `#import bind/frame` pulls a module in once; `#import {sampling}` names a choice that the key makes; lines between
+//! `#if colors` and `#end` are there for keys with that feature. A feature that the scene lacks is not in the text, so it
+//! costs nothing.
 
 use std::collections::HashSet;
 use std::fmt::Write;
@@ -14,6 +15,7 @@ macro_rules! modules {
 
 /// Every module: (name, text).
 pub const MODULES: &[(&str, &str)] = modules![
+    "bind/colors",
     "bind/frame",
     "bind/object",
     "bind/resume",
@@ -22,15 +24,18 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/face",
     "lib/fullscreen",
     "lib/gradient",
+    "lib/gradient_color",
     "lib/opacity",
     "lib/ray",
     "lib/resume_none",
     "lib/sample_filtered",
     "lib/sample_loads",
     "lib/skip",
+    "lib/strongest_change",
     "lib/style",
     "lib/table_filtered",
     "lib/table_loads",
+    "lib/tint",
     "lib/transfer_function",
     "lib/validity_all",
     "raycast",
@@ -45,6 +50,8 @@ pub struct RaycastKey {
     pub table_filtered: bool,
     /// The volume has voxels that are no number.
     pub no_data: bool,
+    /// The volume is one of colors.
+    pub colors: bool,
     /// The pass goes on where another one had to stop.
     pub resumed: bool,
 }
@@ -54,6 +61,7 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.filtered { "raycast filtered" } else { "raycast loads" })?;
         f.write_str(if self.table_filtered { "" } else { " table_loads" })?;
         f.write_str(if self.no_data { " no_data" } else { "" })?;
+        f.write_str(if self.colors { " colors" } else { "" })?;
         f.write_str(if self.resumed { " resumed" } else { "" })
     }
 }
@@ -61,11 +69,12 @@ impl std::fmt::Display for RaycastKey {
 impl RaycastKey {
     /// Every key there is.
     pub fn all() -> impl Iterator<Item = Self> {
-        (0..16).map(|bits| Self {
+        (0..32).map(|bits| Self {
             filtered: bits & 1 == 0,
             table_filtered: bits & 2 == 0,
             no_data: bits & 4 != 0,
             resumed: bits & 8 != 0,
+            colors: bits & 16 != 0,
         })
     }
 
@@ -74,29 +83,41 @@ impl RaycastKey {
     /// # Errors
     /// The name of a module that is imported and missing (a programming error that tests catch).
     pub fn wgsl(self) -> Result<String, String> {
-        assemble("raycast", &|choice| match choice {
+        let choose = |choice: &str| match choice {
             "sampling" => Some(if self.filtered { "lib/sample_filtered" } else { "lib/sample_loads" }),
             "table" => Some(if self.table_filtered { "lib/table_filtered" } else { "lib/table_loads" }),
             "no_data" => Some(if self.no_data { "bind/validity" } else { "lib/validity_all" }),
+            "gradient" => Some(if self.colors { "lib/gradient_color" } else { "lib/gradient" }),
             "resume" => Some(if self.resumed { "bind/resume" } else { "lib/resume_none" }),
             _ => None,
-        })
+        };
+        let has = |feature: &str| match feature {
+            "colors" => Some(self.colors),
+            _ => None,
+        };
+        assemble("raycast", &choose, &has)
     }
 }
 
-/// Puts an entry module and everything it imports into one text, each module once, imports first.
+/// Puts an entry module and everything it imports into one text, each module once, imports first. Lines between `#if feature`
+/// and `#else` or `#end` are in the text if `has` the feature, those between `#else` and `#end` if not.
 ///
 /// # Errors
-/// The name of an import that does not exist.
-pub fn assemble(entry: &str, choose: &dyn Fn(&str) -> Option<&'static str>) -> Result<String, String> {
+/// The name of an import or feature that does not exist, or a module whose `#if` does not end.
+pub fn assemble(
+    entry: &str,
+    choose: &dyn Fn(&str) -> Option<&'static str>,
+    has: &dyn Fn(&str) -> Option<bool>,
+) -> Result<String, String> {
     let (mut text, mut seen) = (String::new(), HashSet::new());
-    add(entry, choose, &mut seen, &mut text)?;
+    add(entry, choose, has, &mut seen, &mut text)?;
     Ok(text)
 }
 
 fn add(
     name: &str,
     choose: &dyn Fn(&str) -> Option<&'static str>,
+    has: &dyn Fn(&str) -> Option<bool>,
     seen: &mut HashSet<String>,
     text: &mut String,
 ) -> Result<(), String> {
@@ -105,22 +126,32 @@ fn add(
     }
     let module = MODULES.iter().find(|(n, _)| *n == name).ok_or_else(|| format!("no shader module \"{name}\""))?.1;
     let mut body = String::new();
+    // Whether lines are left out, within an `#if`.
+    let mut left_out = None;
     for line in module.lines() {
-        match line.strip_prefix("#import ").map(str::trim) {
-            None => {
-                body.push_str(line);
-                body.push('\n');
+        if let Some(feature) = line.strip_prefix("#if ").map(str::trim) {
+            let has = has(feature).ok_or_else(|| format!("no feature \"{feature}\" in \"{name}\""))?;
+            if left_out.replace(!has).is_some() {
+                return Err(format!("an #if within another in \"{name}\""));
             }
-            Some(import) => {
-                let target = match import.strip_prefix('{').and_then(|i| i.strip_suffix('}')) {
-                    None => import,
-                    Some(choice) => {
-                        choose(choice).ok_or_else(|| format!("no choice for {{{choice}}} in \"{name}\""))?
-                    }
-                };
-                add(target, choose, seen, text)?;
-            }
+        } else if line.trim_end() == "#else" {
+            left_out = Some(!left_out.ok_or_else(|| format!("an #else without #if in \"{name}\""))?);
+        } else if line.trim_end() == "#end" {
+            left_out.take().ok_or_else(|| format!("an #end without #if in \"{name}\""))?;
+        } else if left_out == Some(true) {
+        } else if let Some(import) = line.strip_prefix("#import ").map(str::trim) {
+            let target = match import.strip_prefix('{').and_then(|i| i.strip_suffix('}')) {
+                None => import,
+                Some(choice) => choose(choice).ok_or_else(|| format!("no choice for {{{choice}}} in \"{name}\""))?,
+            };
+            add(target, choose, has, seen, text)?;
+        } else {
+            body.push_str(line);
+            body.push('\n');
         }
+    }
+    if left_out.is_some() {
+        return Err(format!("an #if without #end in \"{name}\""));
     }
     // Writing to a String cannot fail.
     let _ = writeln!(text, "// ---- {name} ----\n{body}");

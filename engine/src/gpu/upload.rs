@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::scene::Object;
 use crate::volume::no_data::fill_no_data;
-use crate::volume::prefilter::Prefilter;
+use crate::volume::prefilter::{Prefilter, Source};
 use crate::volume::{Volume, Voxel, Voxels};
 use crate::with_voxels;
 
@@ -36,10 +36,12 @@ pub struct ResidentVolume {
     pub values: wgpu::TextureView,
     /// Encoding of `values`.
     pub encoding: Encoding,
-    /// Source of gradients: the prefiltered copy, or `values` again where σ_g = 0.
+    /// Source of gradients: the prefiltered copy of the values (of the colors, if there are any), or these again where σ_g = 0.
     pub gradients: wgpu::TextureView,
     /// Encoding of `gradients`.
     pub gradient_encoding: Encoding,
+    /// Premultiplied linear RGBA of a volume of colors. Every adapter filters it, and its gradients.
+    pub colors: Option<wgpu::TextureView>,
     /// 1 where a voxel has data; absent where all have.
     pub validity: Option<wgpu::TextureView>,
     /// Whether the adapter filters these formats.
@@ -57,6 +59,9 @@ const SLAB_BYTES: usize = 8 << 20;
 enum Texel {
     Unorm16,
     Float32,
+    ColorUnorm16,
+    ColorFloat16,
+    ColorFloat32,
 }
 
 impl Texel {
@@ -64,6 +69,9 @@ impl Texel {
         match self {
             Self::Unorm16 => wgpu::TextureFormat::R16Unorm,
             Self::Float32 => wgpu::TextureFormat::R32Float,
+            Self::ColorUnorm16 => wgpu::TextureFormat::Rgba16Unorm,
+            Self::ColorFloat16 => wgpu::TextureFormat::Rgba16Float,
+            Self::ColorFloat32 => wgpu::TextureFormat::Rgba32Float,
         }
     }
 
@@ -71,6 +79,23 @@ impl Texel {
         match self {
             Self::Unorm16 => 2,
             Self::Float32 => 4,
+            Self::ColorUnorm16 | Self::ColorFloat16 => 8,
+            Self::ColorFloat32 => 16,
+        }
+    }
+
+    /// Texels of numbers that are theirs already: 0 … 1 for the integers.
+    fn pack(self, numbers: &[f32]) -> Vec<u8> {
+        match self {
+            Self::Float32 | Self::ColorFloat32 => bytemuck::cast_slice(numbers).to_vec(),
+            Self::Unorm16 | Self::ColorUnorm16 => {
+                let codes: Vec<u16> = numbers.par_iter().map(|v| (v * 65535.0 + 0.5) as u16).collect();
+                bytemuck::cast_slice(&codes).to_vec()
+            }
+            Self::ColorFloat16 => {
+                let halves: Vec<half::f16> = numbers.par_iter().map(|v| half::f16::from_f32(*v)).collect();
+                bytemuck::cast_slice(&halves).to_vec()
+            }
         }
     }
 }
@@ -92,7 +117,8 @@ impl ResidentVolume {
 
         let sigma = sigma_voxels(volume, object.gradient_scale_mm);
         let prefiltered = sigma.iter().any(|s| *s > 0.0);
-        let num_copies = 1 + u64::from(prefiltered) + u64::from(filled.valid.is_some());
+        let extras = [prefiltered, volume.colors.is_some(), filled.valid.is_some()];
+        let num_copies = 1 + extras.into_iter().map(u64::from).sum::<u64>();
         progress.begin("uploading", num_copies * dims[2] as u64);
 
         let values = make_texture(context, "volume", dims, texel)?;
@@ -102,28 +128,39 @@ impl ResidentVolume {
         })?;
         let values = values.create_view(&wgpu::TextureViewDescriptor::default());
 
-        let (gradients, gradient_encoding) = if prefiltered {
-            // In f32 where that can be filtered: 16 bits, even of the data's own range, turn the normals of gentle slopes,
-            // which a style with fine lines shows (1.2 codes where f32 has 0.1).
-            let texel = if context.formats.r32_filterable { Texel::Float32 } else { texel };
-            let span = if range.1 > range.0 { range.1 - range.0 } else { 1.0 };
-            let encoding = match values_texel {
-                Texel::Unorm16 => Encoding { offset: range.0, scale: 1.0 / span },
-                Texel::Float32 => encoding,
-            };
-            let mut filter = Prefilter::new(voxels, dims, sigma, encoding.offset, encoding.scale);
-            let texture = make_texture(context, "gradient volume", dims, texel)?;
-            write_slabs(context, &texture, dims, texel, progress, |z0, z1| match texel {
-                Texel::Float32 => bytemuck::cast_slice(&filter.slab(z0, z1)).to_vec(),
-                Texel::Unorm16 => {
-                    let smooth = filter.slab(z0, z1);
-                    let codes: Vec<u16> = smooth.par_iter().map(|v| (v * 65535.0 + 0.5) as u16).collect();
-                    bytemuck::cast_slice(&codes).to_vec()
-                }
-            })?;
-            (texture.create_view(&wgpu::TextureViewDescriptor::default()), encoding)
-        } else {
-            (values.clone(), encoding)
+        let colors = match &volume.colors {
+            None => None,
+            Some(colors) => {
+                // Not as the file's 8 bits, which not every adapter filters with more than 8, and which cannot be premultiplied.
+                let texel = if context.formats.rgba16_filterable { Texel::ColorUnorm16 } else { Texel::ColorFloat16 };
+                Some(smoothed_texture(context, "colors", Source::Colors(colors), dims, [0.0; 3], texel, progress)?)
+            }
+        };
+        let (gradients, gradient_encoding) = match (&volume.colors, &colors) {
+            (Some(source), Some(colors)) => {
+                let gradients = if prefiltered {
+                    let texel = color_gradient_texel(context);
+                    let source = Source::Colors(source);
+                    smoothed_texture(context, "gradient volume", source, dims, sigma, texel, progress)?
+                } else {
+                    colors.clone()
+                };
+                // Linear light is data as it is: a luminance of 1 is a texel of 1.
+                (gradients, Encoding { offset: 0.0, scale: volume.rescale.slope })
+            }
+            _ if prefiltered => {
+                // In f32 where that can be filtered: 16 bits, even of the data's own range, turn the normals of gentle slopes,
+                // which a style with fine lines shows (1.2 codes where f32 has 0.1).
+                let texel = if context.formats.r32_filterable { Texel::Float32 } else { texel };
+                let span = if range.1 > range.0 { range.1 - range.0 } else { 1.0 };
+                let encoding = match values_texel {
+                    Texel::Unorm16 => Encoding { offset: range.0, scale: 1.0 / span },
+                    _ => encoding,
+                };
+                let source = Source::Values { voxels, offset: encoding.offset, scale: encoding.scale };
+                (smoothed_texture(context, "gradient volume", source, dims, sigma, texel, progress)?, encoding)
+            }
+            _ => (values.clone(), encoding),
         };
 
         let validity = match &filled.valid {
@@ -133,10 +170,7 @@ impl ResidentVolume {
                 let plane = dims[0] * dims[1];
                 write_slabs(context, &texture, dims, texel, progress, |z0, z1| {
                     let slab = &valid[z0 * plane..z1 * plane];
-                    match texel {
-                        Texel::Unorm16 => slab.iter().flat_map(|v| (u16::from(*v) * 257).to_ne_bytes()).collect(),
-                        Texel::Float32 => slab.iter().flat_map(|v| (f32::from(*v) / 255.0).to_ne_bytes()).collect(),
-                    }
+                    texel.pack(&slab.iter().map(|v| f32::from(*v) / 255.0).collect::<Vec<f32>>())
                 })?;
                 Some(texture.create_view(&wgpu::TextureViewDescriptor::default()))
             }
@@ -146,11 +180,39 @@ impl ResidentVolume {
             encoding,
             gradients,
             gradient_encoding,
+            colors,
             validity,
             filtered: texel == Texel::Unorm16 || context.formats.r32_filterable,
             gradient_max: volume.gradient_max(),
             num_gaps: filled.num_gaps(),
         })
+    }
+}
+
+/// A texture of what is smoothed by Gaussians of `sigma` voxels, made slab by slab.
+fn smoothed_texture(
+    context: &GpuContext,
+    label: &str,
+    source: Source<'_>,
+    dims: [usize; 3],
+    sigma: [f64; 3],
+    texel: Texel,
+    progress: &Progress,
+) -> Result<wgpu::TextureView> {
+    let mut filter = Prefilter::new(source, dims, sigma);
+    let texture = make_texture(context, label, dims, texel)?;
+    write_slabs(context, &texture, dims, texel, progress, |z0, z1| texel.pack(&filter.slab(z0, z1)))?;
+    Ok(texture.create_view(&wgpu::TextureViewDescriptor::default()))
+}
+
+/// How smoothed colors are kept, of which only differences count.
+fn color_gradient_texel(context: &GpuContext) -> Texel {
+    if context.formats.r32_filterable {
+        Texel::ColorFloat32
+    } else if context.formats.rgba16_filterable {
+        Texel::ColorUnorm16
+    } else {
+        Texel::ColorFloat16
     }
 }
 

@@ -255,6 +255,7 @@ impl RaycastPass {
             filtered: resident.filtered,
             table_filtered: context.formats.r32_filterable,
             no_data: resident.validity.is_some(),
+            colors: resident.colors.is_some(),
             resumed: false,
         };
         let device = &context.device;
@@ -313,6 +314,7 @@ impl RaycastPass {
             wgpu::BindGroupEntry { binding: 8, resource: wgpu::BindingResource::Sampler(&style_sampler) },
         ];
         entries.extend(resident.validity.as_ref().map(|v| texture_entry(9, v)));
+        entries.extend(resident.colors.as_ref().map(|c| texture_entry(10, c)));
         let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("object"),
             layout: &pipeline.object_layout,
@@ -517,6 +519,7 @@ fn make_pipeline(
             source: wgpu::ShaderSource::Wgsl(text.into()),
         });
         let volume = texture_binding(wgpu::TextureSampleType::Float { filterable: key.filtered }, VIEW_3D);
+        let filterable = texture_binding(wgpu::TextureSampleType::Float { filterable: true }, VIEW_3D);
         let volume_sampler = wgpu::BindingType::Sampler(if key.filtered {
             wgpu::SamplerBindingType::Filtering
         } else {
@@ -526,7 +529,7 @@ fn make_pipeline(
         let mut entries = vec![
             entry(0, uniform_binding()),
             entry(1, volume),
-            entry(2, volume),
+            entry(2, if key.colors { filterable } else { volume }),
             entry(3, volume_sampler),
             entry(4, texture_binding(wgpu::TextureSampleType::Uint, VIEW_3D)),
             entry(5, texture_binding(table, wgpu::TextureViewDimension::D2)),
@@ -542,6 +545,9 @@ fn make_pipeline(
         ];
         if key.no_data {
             entries.push(entry(9, volume));
+        }
+        if key.colors {
+            entries.push(entry(10, filterable));
         }
         let object_layout = device
             .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("object"), entries: &entries });

@@ -5,6 +5,7 @@
 //! header that shall get its own sentence). Every reader delivers RAS millimeters, voxels in the stored type,
 //! and checks sizes against the file before it allocates.
 
+pub mod dicom;
 pub mod image_folder;
 pub mod label_table;
 pub mod limits;
@@ -137,9 +138,11 @@ pub trait VolumeReader: Sync {
 pub const HEAD_BYTES: usize = 4096;
 
 /// The formats, asked in this order.
-static READERS: [&dyn VolumeReader; 8] = [
+static READERS: [&dyn VolumeReader; 9] = [
     &nifti::NiftiReader,
     &nrrd::NrrdReader,
+    // Before TIFF, whose mark may stand in a DICOM file's preamble.
+    &dicom::DicomReader,
     &metaimage::MetaImageReader,
     &tiff::TiffReader,
     &npy::NpyReader,
@@ -261,13 +264,6 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
             "decompress it first, or compress it with gzip",
         ));
     }
-    if let Some(format) = not_read_yet(path, &head) {
-        return Err(Error::file(
-            path,
-            format!("this is a {format} file, which Fabrica does not read yet"),
-            "convert it to NIfTI or NRRD (dcm2niix, 3D Slicer and ITK-SNAP can)",
-        ));
-    }
     READERS.iter().copied().find(|r| r.extensions().iter().any(|e| has_extension(path, e))).ok_or_else(|| {
         let of_files = READERS.iter().filter(|r| !r.extensions().is_empty());
         let formats: Vec<_> = of_files.map(|r| format!("{} (.{})", r.name(), r.extensions().join(", ."))).collect();
@@ -277,12 +273,6 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
             format!("convert it, or describe plain voxels with {}", raw::EXAMPLE),
         )
     })
-}
-
-/// A format of the field that has no reader yet.
-fn not_read_yet(path: &Path, head: &[u8]) -> Option<&'static str> {
-    let named = |extensions: &[&str]| extensions.iter().any(|e| has_extension(path, e));
-    if head.get(128..132) == Some(b"DICM") || named(&["dcm", "dicom", "ima"]) { Some("DICOM") } else { None }
 }
 
 /// The program behind a compressed file that is not gzip, from its first bytes.

@@ -8,6 +8,7 @@
 //! [`style::ray_frame`], [`style::style_uv`], [`style::style_level`], [`style::shade`], [`opacity::opacity_correct`],
 //! [`walk::composite`].
 
+pub mod color;
 pub mod opacity;
 pub mod piece;
 pub mod ray;
@@ -27,14 +28,16 @@ use crate::scene::{Object, Scene};
 use crate::volume::Voxel;
 use crate::volume::no_data::fill_no_data;
 use crate::with_voxels;
+use color::{Jacobian, premultiplied};
 use ray::ray_from_pixel;
-use sample::{Lattice, gradient_max, gradient_volume};
-use walk::Prepared;
+use sample::{Lattice, gradient_max, gradient_volume, sample_volume, steepest};
+use walk::{Colors, Prepared};
 
 /// Data values beyond this, of either sign, would overflow the squares of their gradients.
 const LARGEST_VALUE: f64 = 1e100;
 
-/// A scene, ready to be rendered in f64. It holds two to three f64 per voxel: meant for volumes of up to some 128³.
+/// A scene, ready to be rendered in f64. It holds two to three f64 per voxel, ten of a volume of colors: meant for volumes of up
+/// to some 128³.
 #[derive(Clone, Debug)]
 pub struct Reference<'a> {
     scene: &'a Scene,
@@ -177,10 +180,20 @@ fn prepare<'a>(scene: &'a Scene, object: &'a Object) -> Result<Prepared<'a>> {
         Lattice { dims, values }
     });
     let world_gradient_from_index = volume.grid.world_from_index().matrix3.inverse().transpose();
+    let colors = volume.colors.as_ref().map(|colors| {
+        let voxels = Lattice { dims, values: colors.iter().map(|&color| premultiplied(color)).collect() };
+        Colors { gradient_volume: gradient_volume(&voxels, &volume.grid, object.gradient_scale_mm), voxels }
+    });
     Ok(Prepared {
         grid: volume.grid,
         gradient_volume: gradient_volume(&data, &volume.grid, object.gradient_scale_mm),
-        gradient_max: gradient_max(&data, world_gradient_from_index),
+        gradient_max: match &colors {
+            None => gradient_max(&data, world_gradient_from_index),
+            Some(Colors { voxels, .. }) => steepest(dims, |center| {
+                Jacobian::at(|p| sample_volume(voxels, p), world_gradient_from_index, center).gradient().length()
+            }),
+        },
+        colors,
         data,
         validity,
         world_gradient_from_index,

@@ -1,7 +1,9 @@
 //! Reconstruction (docs/rendering.md §2): voxels as f64, trilinear values, the gradient volume, gradients and their
 //! normalization G. Prepared once per volume; read at every sample of a ray.
 
-use glam::{DMat3, DVec3};
+use std::ops::{Add, Mul, Sub};
+
+use glam::{DMat3, DVec3, DVec4};
 use rayon::prelude::*;
 
 use crate::spaces::Grid;
@@ -9,33 +11,38 @@ use crate::spaces::Grid;
 /// G rests on about this many voxels at most.
 const MAX_GRADIENT_SAMPLES: usize = 1 << 20;
 
-/// One f64 per voxel, x fastest.
+/// What can be interpolated and smoothed: data values, and colors.
+pub trait Quantity: Copy + Send + Sync + Add<Output = Self> + Sub<Output = Self> + Mul<f64, Output = Self> {}
+impl Quantity for f64 {}
+impl Quantity for DVec4 {}
+
+/// One value per voxel, x fastest.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Lattice {
+pub struct Lattice<T = f64> {
     /// Number of voxels along x, y, z.
     pub dims: [usize; 3],
     /// `dims[0] * dims[1] * dims[2]` values.
-    pub values: Vec<f64>,
+    pub values: Vec<T>,
 }
 
-impl Lattice {
+impl<T: Copy> Lattice<T> {
     /// The value of voxel x, y, z.
     ///
     /// # Panics
     /// If the index is outside the lattice.
-    pub fn at(&self, x: usize, y: usize, z: usize) -> f64 {
+    pub fn at(&self, x: usize, y: usize, z: usize) -> T {
         self.values[x + self.dims[0] * (y + self.dims[1] * z)]
     }
 }
 
 /// Keeps a constant exactly, which a(1 − w) + bw does not: no noise for normals to be taken from.
-fn lerp(a: f64, b: f64, w: f64) -> f64 {
+fn lerp<T: Quantity>(a: T, b: T, w: f64) -> T {
     a + (b - a) * w
 }
 
 /// Trilinear value, at the index-space position `p`, of a grid of `dims` voxels whose values `at` gives; beyond the outer
 /// voxel centers the edge value goes on.
-pub fn trilinear(dims: [usize; 3], p: DVec3, at: impl Fn(usize, usize, usize) -> f64) -> f64 {
+pub fn trilinear<T: Quantity>(dims: [usize; 3], p: DVec3, at: impl Fn(usize, usize, usize) -> T) -> T {
     let axis = |i: usize| {
         let last = dims[i] - 1;
         let clamped = p[i].clamp(0.0, last as f64);
@@ -50,13 +57,13 @@ pub fn trilinear(dims: [usize; 3], p: DVec3, at: impl Fn(usize, usize, usize) ->
 }
 
 /// [`trilinear`] of a lattice.
-pub fn sample_volume(lattice: &Lattice, p: DVec3) -> f64 {
+pub fn sample_volume<T: Quantity>(lattice: &Lattice<T>, p: DVec3) -> T {
     trilinear(lattice.dims, p, |x, y, z| lattice.at(x, y, z))
 }
 
 /// F: the data smoothed by a Gaussian of standard deviation `sigma_mm` (0: the data itself), separably along the index
 /// axes, the edge voxel going on beyond the edge.
-pub fn gradient_volume(data: &Lattice, grid: &Grid, sigma_mm: f64) -> Lattice {
+pub fn gradient_volume<T: Quantity>(data: &Lattice<T>, grid: &Grid, sigma_mm: f64) -> Lattice<T> {
     let mut smoothed = data.clone();
     if sigma_mm > 0.0 {
         for axis in 0..3 {
@@ -69,7 +76,7 @@ pub fn gradient_volume(data: &Lattice, grid: &Grid, sigma_mm: f64) -> Lattice {
 }
 
 /// Smooths along one index axis with a Gaussian of `sigma` voxels, sampled at the integers up to ⌈4σ⌉.
-fn smooth_along(lattice: &Lattice, axis: usize, sigma: f64) -> Lattice {
+fn smooth_along<T: Quantity>(lattice: &Lattice<T>, axis: usize, sigma: f64) -> Lattice<T> {
     let n = lattice.dims[axis] as i64;
     let radius = (4.0 * sigma).ceil() as i64;
     let bell = |k: i64| (-0.5 * (k as f64 / sigma).powi(2)).exp();
@@ -95,7 +102,8 @@ fn smooth_along(lattice: &Lattice, axis: usize, sigma: f64) -> Lattice {
             let own = lattice.values[voxel];
             let start = voxel - i * stride + *first as usize * stride;
             // Weights sum to 1; differences keep a constant exactly constant.
-            own + weights.iter().enumerate().map(|(k, w)| w * (lattice.values[start + k * stride] - own)).sum::<f64>()
+            let terms = weights.iter().enumerate().map(|(k, &w)| (lattice.values[start + k * stride] - own) * w);
+            own + terms.reduce(|a, b| a + b).unwrap_or(own - own)
         })
         .collect();
     Lattice { dims: lattice.dims, values }
@@ -117,15 +125,20 @@ pub fn gradient_at(gradient_volume: &Lattice, world_gradient_from_index: DMat3, 
 /// G: the 99.9th percentile of ‖g‖, in data units per mm, over the voxels where it is above 0, from the unsmoothed
 /// `data`; 1 if there is none. Large volumes are looked at every n-th voxel, n odd.
 pub fn gradient_max(data: &Lattice, world_gradient_from_index: DMat3) -> f64 {
-    let count = data.values.len();
+    steepest(data.dims, |center| gradient_at(data, world_gradient_from_index, center).length())
+}
+
+/// G of ‖g‖ at the voxel centers (index space) of a grid of `dims` voxels.
+pub fn steepest(dims: [usize; 3], magnitude: impl Fn(DVec3) -> f64) -> f64 {
+    let count = dims.iter().product::<usize>();
     let stride = count.div_ceil(MAX_GRADIENT_SAMPLES) | 1;
-    let [nx, ny, _] = data.dims;
+    let [nx, ny, _] = dims;
     let mut magnitudes: Vec<f64> = (0..count)
         .step_by(stride)
         .map(|voxel| {
             let center = DVec3::new((voxel % nx) as f64, (voxel / nx % ny) as f64, (voxel / nx / ny) as f64);
             // Voxel centers a unit apart: the clamp makes the edge one-sided, still divided by 2.
-            gradient_at(data, world_gradient_from_index, center).length()
+            magnitude(center)
         })
         .filter(|&magnitude| magnitude > 0.0)
         .collect();

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, DVec4};
 
+use super::color::{Jacobian, luminance};
 use super::opacity::opacity_correct;
 use super::piece::classify_piece;
 use super::ray::{Ray, samples};
@@ -28,6 +29,8 @@ pub struct Prepared<'a> {
     pub validity: Option<Lattice>,
     /// F: the smoothed data that gradients are taken from.
     pub gradient_volume: Lattice,
+    /// What a volume of colors has instead of styles' colors and gradients of values.
+    pub colors: Option<Colors>,
     /// G: the ‖g‖, in data units per mm, that counts as 1.
     pub gradient_max: f64,
     /// M⁻ᵀ.
@@ -36,6 +39,41 @@ pub struct Prepared<'a> {
     pub transfer_function: &'a StyleTransferFunction,
     /// What the transfer function's nodes refer to.
     pub styles: &'a [Arc<StyleImage>],
+}
+
+/// The colors of a volume, premultiplied linear RGBA.
+#[derive(Clone, Debug)]
+pub struct Colors {
+    /// Of the voxels.
+    pub voxels: Lattice<DVec4>,
+    /// Smoothed, to take gradients from.
+    pub gradient_volume: Lattice<DVec4>,
+}
+
+/// How data change at a place, as a share of G.
+#[derive(Clone, Copy, Debug)]
+enum Slope {
+    Value(DVec3),
+    Color(Jacobian),
+}
+
+impl Slope {
+    /// `weight` of the way from this one to `other`.
+    fn towards(&self, other: &Self, weight: f64) -> Self {
+        match (self, other) {
+            (Self::Value(a), Self::Value(b)) => Self::Value(*a + weight * (*b - *a)),
+            (Self::Color(a), Self::Color(b)) => Self::Color(a.towards(b, weight)),
+            _ => unreachable!("one volume, one kind of slope"),
+        }
+    }
+
+    /// ĝ.
+    fn gradient(&self) -> DVec3 {
+        match self {
+            Self::Value(gradient) => *gradient,
+            Self::Color(jacobian) => jacobian.gradient(),
+        }
+    }
 }
 
 /// What a ray brought home.
@@ -90,10 +128,16 @@ impl<'a> Line<'a> {
         sample_volume(&self.object.data, self.at(t))
     }
 
-    /// ĝ at `t`.
-    fn gradient(&self, t: f64) -> DVec3 {
-        let object = self.object;
-        gradient_at(&object.gradient_volume, object.world_gradient_from_index, self.at(t)) / object.gradient_max
+    /// What ĝ at `t` is taken from.
+    fn slope(&self, t: f64) -> Slope {
+        let (object, p) = (self.object, self.at(t));
+        let to_world = object.world_gradient_from_index * (1.0 / object.gradient_max);
+        match &object.colors {
+            None => Slope::Value(
+                gradient_at(&object.gradient_volume, object.world_gradient_from_index, p) / object.gradient_max,
+            ),
+            Some(colors) => Slope::Color(Jacobian::at(|q| sample_volume(&colors.gradient_volume, q), to_world, p)),
+        }
     }
 
     /// Color and opacity of a stretch of `lengths` reference lengths that is seen at `t`, composited under `result`.
@@ -108,8 +152,18 @@ impl<'a> Line<'a> {
         let depth_mm = (self.ray.origin_mm + t * self.ray.direction - self.camera.eye_mm).dot(self.camera.forward);
         let steepness = steepness(gradient, face);
         let level = style_level(self.camera, self.image_height, depth_mm, self.smallest_spacing_mm, steepness);
-        let ([red, green, blue], alpha_d) = shade(self.object.styles, class, n_xy, level);
-        let alpha = opacity_correct(alpha_d * class.opacity * has_data, lengths);
+        let (style, alpha_d) = shade(self.object.styles, class, n_xy, level);
+        let ([red, green, blue], coverage) = match &self.object.colors {
+            None => (style, 1.0),
+            Some(colors) => {
+                let voxel = sample_volume(&colors.voxels, p);
+                if voxel.w <= 0.0 {
+                    return;
+                }
+                ((voxel.truncate() / voxel.w * luminance(style)).to_array(), voxel.w)
+            }
+        };
+        let alpha = opacity_correct(alpha_d * class.opacity * has_data * coverage, lengths);
         if alpha > 0.0 {
             result.num_visible += 1;
             result.rgba = composite(result.rgba, [alpha * red, alpha * green, alpha * blue, alpha]);
@@ -138,7 +192,7 @@ pub fn march(
         let class = classify(object.transfer_function, line.value(t));
         if class.opacity > 0.0 {
             let lengths = (end - start) / object.transfer_function.reference_length_mm;
-            line.see(&mut result, t, &class, line.gradient(t), lengths);
+            line.see(&mut result, t, &class, line.slope(t).gradient(), lengths);
             if ends(&mut result, termination) {
                 break;
             }
@@ -173,8 +227,9 @@ pub fn march_pieces(
             let a = start + f64::from(part) * part_mm;
             let b = (a + part_mm).min(end);
             let values = [line.value(a), line.value(b)];
-            let gradients = [line.gradient(a), line.gradient(b)];
-            let normals = [0, 1].map(|i| surface_normal(gradients[i], face_normal(&object.grid, line.at([a, b][i]))));
+            let slopes = [line.slope(a), line.slope(b)];
+            let normals =
+                [0, 1].map(|i| surface_normal(slopes[i].gradient(), face_normal(&object.grid, line.at([a, b][i]))));
             let looks = (normals[0].distance(normals[1]) / largest_turn).ceil().clamp(1.0, MAX_LOOKS);
             let lengths = (b - a) / looks / function.reference_length_mm;
             for look in 0..looks as u32 {
@@ -183,7 +238,7 @@ pub fn march_pieces(
                 let piece = classify_piece(function, between(wa), between(wb), lengths);
                 let w = wa + piece.middle * (wb - wa);
                 let class = at_node(function, piece.node, -(-piece.extinction).exp_m1());
-                let gradient = gradients[0] + w * (gradients[1] - gradients[0]);
+                let gradient = slopes[0].towards(&slopes[1], w).gradient();
                 line.see(&mut result, a + w * (b - a), &class, gradient, lengths);
                 if ends(&mut result, quality.termination) {
                     return result;

@@ -78,7 +78,7 @@ impl Object {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for (i, &(a, b)) in bricks.ranges.iter().enumerate() {
             let (a, b) = (self.volume.rescale.value(a), self.volume.rescale.value(b));
-            if self.transfer_function.max_opacity(a.min(b), a.max(b)) > FRAMED_OPACITY {
+            if bricks.may_show(i) && self.transfer_function.max_opacity(a.min(b), a.max(b)) > FRAMED_OPACITY {
                 let [nx, ny, _] = bricks.dims;
                 let at = [i % nx, i / nx % ny, i / (nx * ny)].map(|n| (n * BRICK) as f64 - 0.5);
                 low = low.min(DVec3::from_array(at));

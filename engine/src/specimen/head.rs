@@ -16,37 +16,38 @@ mod skull;
 mod tests;
 mod vessels;
 
-use glam::{DAffine3, DMat3, DVec3, Vec3, vec3};
-use rayon::prelude::*;
+use glam::{DVec3, Vec3, vec3};
 
 use super::Specimen;
+use super::painter::{self, Model, Paint, Plan, Structure, bone, structure};
 use super::sdf::*;
-use crate::error::{Error, Result};
+use super::variant::Variant;
+use crate::error::Result;
 use crate::progress::Progress;
-use crate::spaces::Grid;
-use crate::volume::labels::{Label, LabelMap};
-use crate::volume::{Modality, Rescale, Volume, Voxels};
+use crate::volume::Modality;
 
 /// See [`super::version`].
 pub const VERSION: u32 = 2;
 
-/// The box of the specimen, world mm.
-const BOX_MIN: DVec3 = DVec3::new(-100.0, -106.0, -122.0);
-const BOX_MAX: DVec3 = DVec3::new(100.0, 126.0, 126.0);
-
-/// Standard deviation of the noise in tissue, HU. Air outside stays clean.
-const NOISE_HU: f32 = 4.0;
-
-/// Width of a boundary in voxels, from nothing to full coverage: 1.5 voxels at half maximum, as a scanner's point
-/// spread would leave it. Sharper edges alias, and normals from central differences show terraces.
-const BLUR_VOXELS: f32 = 2.2;
-
 const AIR_HU: f32 = -1000.0;
+
+/// What the head is, apart from its shape.
+pub const PLAN: Plan = Plan {
+    name: "head",
+    bounds: (DVec3::new(-100.0, -106.0, -122.0), DVec3::new(100.0, 126.0, 126.0)),
+    cut_z: Some(-122.0),
+    air: AIR_HU,
+    noise: 4.0,
+    noise_range: 900.0,
+    modality: Modality::Ct,
+    structures: &STRUCTURES,
+};
 
 /// Structures by their position in the label table, which is also their id.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u16)]
 enum Part {
+    #[cfg_attr(not(test), expect(dead_code, reason = "what nothing is painted on"))]
     Background,
     Skin,
     Fat,
@@ -70,67 +71,41 @@ enum Part {
     Airways,
 }
 
-/// Names and colors, in the order of [`Part`].
-const TABLE: [(&str, [u8; 3]); 21] = [
-    ("background", [0, 0, 0]),
-    ("skin", [224, 172, 140]),
-    ("fat", [240, 212, 128]),
-    ("muscle", [168, 66, 56]),
-    ("skull", [232, 222, 196]),
-    ("mandible", [216, 202, 166]),
-    ("teeth", [250, 248, 238]),
-    ("vertebrae", [206, 194, 158]),
-    ("cartilage", [150, 196, 214]),
-    ("brain gray matter", [206, 158, 150]),
-    ("brain white matter", [244, 232, 220]),
-    ("ventricles", [92, 148, 206]),
-    ("cerebrospinal fluid", [160, 206, 232]),
-    ("cerebellum", [196, 134, 150]),
-    ("brain stem", [222, 190, 150]),
-    ("arteries", [200, 32, 36]),
-    ("veins", [46, 76, 168]),
-    ("eyes", [236, 238, 244]),
-    ("lenses", [170, 214, 236]),
-    ("optic nerves", [240, 220, 96]),
-    ("airways", [120, 132, 144]),
+impl From<Part> for u16 {
+    fn from(part: Part) -> Self {
+        part as Self
+    }
+}
+
+/// Names, colors and magnetic resonance signals, in the order of [`Part`].
+static STRUCTURES: [Structure; 21] = [
+    structure("background", [0, 0, 0], 0.0),
+    structure("skin", [224, 172, 140], 430.0),
+    structure("fat", [240, 212, 128], 900.0),
+    structure("muscle", [168, 66, 56], 330.0),
+    bone("skull", [232, 222, 196], 1250.0),
+    bone("mandible", [216, 202, 166], 1350.0),
+    structure("teeth", [250, 248, 238], 20.0),
+    bone("vertebrae", [206, 194, 158], 1000.0),
+    structure("cartilage", [150, 196, 214], 260.0),
+    structure("brain gray matter", [206, 158, 150], 390.0),
+    structure("brain white matter", [244, 232, 220], 560.0),
+    structure("ventricles", [92, 148, 206], 110.0),
+    structure("cerebrospinal fluid", [160, 206, 232], 120.0),
+    structure("cerebellum", [196, 134, 150], 440.0),
+    structure("brain stem", [222, 190, 150], 530.0),
+    structure("arteries", [200, 32, 36], 620.0),
+    structure("veins", [46, 76, 168], 560.0),
+    structure("eyes", [236, 238, 244], 130.0),
+    structure("lenses", [170, 214, 236], 300.0),
+    structure("optic nerves", [240, 220, 96], 480.0),
+    structure("airways", [120, 132, 144], 0.0),
 ];
-
-/// What accumulates at one voxel: parts are painted over each other with their coverage.
-struct Paint {
-    hu: f32,
-    part: Part,
-    /// 1 / width of the blur at a boundary, 1/mm.
-    sharpness: f32,
-}
-
-impl Paint {
-    /// Coverage of a part whose surface is `d` mm away: a smooth step over [`BLUR_VOXELS`].
-    fn cover(&self, d: f32) -> f32 {
-        let t = (0.5 - d * self.sharpness).clamp(0.0, 1.0);
-        t * t * (3.0 - 2.0 * t)
-    }
-
-    fn put(&mut self, d: f32, hu: f32, part: Part) {
-        let c = self.cover(d);
-        if c > 0.0 {
-            self.hu += (hu - self.hu) * c;
-            if d <= 0.0 {
-                self.part = part;
-            }
-        }
-    }
-
-    /// Changes the density of what is there without changing its name.
-    fn tint(&mut self, d: f32, hu: f32) {
-        self.hu += (hu - self.hu) * self.cover(d);
-    }
-}
 
 /// Which parts can matter anywhere in a brick.
 #[derive(Default)]
-struct Scope {
+pub struct Scope {
     surface: bool,
-    outside: bool,
     face: bool,
     ear: bool,
     skull: bool,
@@ -148,7 +123,7 @@ struct Scope {
     tubes: Vec<usize>,
 }
 
-struct Head {
+pub struct Head {
     folds: [brain::Folds; 2],
     teeth: Vec<skull::Tooth>,
     tubes: Vec<vessels::Tube>,
@@ -169,22 +144,25 @@ impl Head {
         let (right, left) = rayon::join(|| brain::Folds::grow(7), || brain::Folds::grow(8));
         Self { folds: [right, left], teeth: skull::teeth(), tubes: vessels::vessels() }
     }
+}
 
-    fn scope(&self, center: Vec3, radius: f32) -> Scope {
+impl Model for Head {
+    type Scope = Scope;
+
+    fn scope(&self, center: Vec3, radius: f32) -> Option<Scope> {
         let p = asymmetry(center);
         let q = vec3(p.x.abs(), p.y, p.z);
         // Distances are bounds only approximately: a quarter more than the brick's radius, and the blur.
         let r = radius * 1.3 + 2.5;
         let skin = face::skin(p);
         if skin > r {
-            return Scope { outside: true, ..Scope::default() };
+            return None;
         }
         let room = skull::cavity(q);
         let inside = room < -r;
         let near = |d: f32| d < r;
         let front = center + Vec3::splat(radius);
-        Scope {
-            outside: false,
+        Some(Scope {
             surface: skin > -r - 14.0,
             face: front.y > 60.0,
             ear: near((q - vec3(72.0, -8.0, 3.0)).length() - 45.0),
@@ -207,16 +185,15 @@ impl Head {
                     away.length() < r
                 })
                 .collect(),
-        }
+        })
     }
 
-    fn sample(&self, world: Vec3, blur: f32, s: &Scope) -> (f32, Part) {
+    fn paint(&self, world: Vec3, s: &Scope, paint: &mut Paint<'_>) {
         let p = asymmetry(world);
         let q = vec3(p.x.abs(), p.y, p.z);
-        let mut paint = Paint { hu: AIR_HU, part: Part::Background, sharpness: 1.0 / blur };
         let skin = if s.surface { face::skin(p) } else { -100.0 };
-        if skin > blur {
-            return (AIR_HU, Part::Background);
+        if skin > paint.blur {
+            return;
         }
         // Skin and what lies under it everywhere.
         paint.put(skin, 35.0, Part::Skin);
@@ -238,33 +215,37 @@ impl Head {
             paint.put(smax(face::cartilage(q), skin + 0.9, 0.5), 120.0, Part::Cartilage);
         }
         if s.orbit {
-            self.paint_orbit(q, skin, &mut paint);
+            self.paint_orbit(q, skin, paint);
         }
         if s.skull {
             let d = smax(skull::skull(p), skin + 2.0, 1.0);
-            self.paint_bone(p, d, 1250.0, Part::Skull, &mut paint);
-            self.paint_bone(p, skull::hyoid(q), 900.0, Part::Skull, &mut paint);
+            self.paint_bone(p, d, 1250.0, Part::Skull, paint);
+            self.paint_bone(p, skull::hyoid(q), 900.0, Part::Skull, paint);
         }
         if s.mandible {
-            self.paint_bone(p, skull::mandible(q), 1350.0, Part::Mandible, &mut paint);
+            self.paint_bone(p, skull::mandible(q), 1350.0, Part::Mandible, paint);
         }
         if s.vertebrae {
-            self.paint_bone(p, skull::vertebrae(q), 1000.0, Part::Vertebrae, &mut paint);
+            self.paint_bone(p, skull::vertebrae(q), 1000.0, Part::Vertebrae, paint);
         }
         for &i in &s.teeth {
             let tooth = &self.teeth[i];
+            // The lower teeth stand in the mandible and go with it.
+            if tooth.is_lower() && paint.lacks(Part::Mandible) {
+                continue;
+            }
             let (crown, root) = tooth.distance(p);
             paint.put(root, 1600.0, Part::Teeth);
             paint.put(crown, if tooth.gold { 3000.0 } else { 2350.0 }, Part::Teeth);
             if !tooth.gold {
-                paint.tint(crown + 1.6, 1700.0);
+                paint.tint(crown + 1.6, 1700.0, Part::Teeth);
             }
         }
         if s.airways {
             paint.put(face::airways(p, skin).max(-skull::cavity(q) - 1.0), AIR_HU, Part::Airways);
         }
         if s.cavity || s.stem {
-            self.paint_brain(p, q, s, &mut paint);
+            self.paint_brain(p, q, s, paint);
         }
         if !s.tubes.is_empty() {
             let (mut artery, mut vein) = (f32::MAX, f32::MAX);
@@ -276,22 +257,23 @@ impl Head {
             paint.put(smax(vein, skin + 1.5, 0.5), 260.0, Part::Veins);
             paint.put(smax(artery, skin + 1.5, 0.5), 330.0, Part::Arteries);
         }
-        (paint.hu, paint.part)
     }
+}
 
+impl Head {
     /// Compact tables over spongy bone (in the vault: the diploe).
-    fn paint_bone(&self, p: Vec3, d: f32, compact: f32, part: Part, paint: &mut Paint) {
+    fn paint_bone(&self, p: Vec3, d: f32, compact: f32, part: Part, paint: &mut Paint<'_>) {
         if d > 4.0 {
             return;
         }
         paint.put(d, compact + 120.0 * noise(p * 0.12, 21), part);
         if d < 0.0 {
             let sponge = noise(p * 0.35, 22) + 0.6 * noise(p * 0.8, 23);
-            paint.tint(d + skull::TABLE_MM, 400.0 + 110.0 * sponge);
+            paint.tint(d + skull::TABLE_MM, 400.0 + 110.0 * sponge, part);
         }
     }
 
-    fn paint_orbit(&self, q: Vec3, skin: f32, paint: &mut Paint) {
+    fn paint_orbit(&self, q: Vec3, skin: f32, paint: &mut Paint<'_>) {
         let e = q - face::EYE;
         let socket = skull::orbit(q);
         let globe = {
@@ -315,11 +297,11 @@ impl Head {
         paint.put(nerve, 38.0, Part::OpticNerves);
         // Coats of the eye, vitreous, lens.
         paint.put(globe, 62.0, Part::Eyes);
-        paint.tint(globe + 1.2, 12.0);
+        paint.tint(globe + 1.2, 12.0, Part::Eyes);
         paint.put(ellipsoid(e - vec3(0.0, 6.6, 0.0), vec3(4.7, 2.3, 4.7)), 82.0, Part::Lenses);
     }
 
-    fn paint_brain(&self, p: Vec3, q: Vec3, s: &Scope, paint: &mut Paint) {
+    fn paint_brain(&self, p: Vec3, q: Vec3, s: &Scope, paint: &mut Paint<'_>) {
         paint.put(skull::cavity(q), 9.0, Part::Fluid);
         if s.stem {
             // The sac of the cord stays a millimeter off the bone.
@@ -329,7 +311,7 @@ impl Head {
         if s.cerebellum {
             let (surface, white) = brain::cerebellum(q);
             paint.put(surface, 41.0, Part::Cerebellum);
-            paint.tint(white, 28.0);
+            paint.tint(white, 28.0, Part::Cerebellum);
         }
         if s.cerebrum {
             let parts = brain::cerebrum(p, &self.folds[usize::from(p.x < 0.0)]);
@@ -344,72 +326,8 @@ impl Head {
 }
 
 /// Makes the head with `resolution` voxels along its longest axis.
-pub fn generate(resolution: usize, progress: &Progress) -> Result<Specimen> {
-    let size = BOX_MAX - BOX_MIN;
-    let spacing = size.max_element() / resolution as f64;
-    let dims = size.to_array().map(|mm| ((mm / spacing).round() as usize).max(1));
-    let [nx, ny, nz] = dims;
-    progress.begin("generating specimen:head", nz as u64);
-    // Centered in the box: halving the resolution keeps the anatomy where it is.
-    let extent = DVec3::new((nx - 1) as f64, (ny - 1) as f64, (nz - 1) as f64) * spacing;
-    let origin = (BOX_MIN + BOX_MAX - extent) * 0.5;
-    let affine = DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(spacing)), origin);
-    let broken = |what: String| Error::scene(what, "choose another resolution");
-    let grid = Grid::new(dims, affine).map_err(broken)?;
-
+pub fn generate(resolution: usize, variant: &Variant, progress: &Progress) -> Result<Specimen> {
     let head = Head::new();
     progress.check()?;
-
-    // Bricks of about 8 mm.
-    let edge = ((8.0 / spacing).floor() as usize).clamp(1, 16);
-    let blur = BLUR_VOXELS * spacing as f32;
-    let at = |x: f64, y: f64, z: f64| (origin + DVec3::new(x, y, z) * spacing).as_vec3();
-    let mut hu = vec![AIR_HU as i16; nx * ny * nz];
-    let mut labels = vec![0_u16; nx * ny * nz];
-    hu.par_chunks_mut(nx * ny * edge).zip(labels.par_chunks_mut(nx * ny * edge)).enumerate().try_for_each(
-        |(slab, (hu, labels))| -> Result<()> {
-            let z0 = slab * edge;
-            let depth = hu.len() / (nx * ny);
-            for y0 in (0..ny).step_by(edge) {
-                progress.check()?;
-                for x0 in (0..nx).step_by(edge) {
-                    let (x1, y1) = ((x0 + edge).min(nx), (y0 + edge).min(ny));
-                    let middle = |a: usize, b: usize| (a + b - 1) as f64 * 0.5;
-                    let center = at(middle(x0, x1), middle(y0, y1), middle(z0, z0 + depth));
-                    let half = DVec3::new((x1 - x0) as f64, (y1 - y0) as f64, depth as f64) * (0.5 * spacing);
-                    let scope = head.scope(center, half.length() as f32);
-                    if scope.outside {
-                        continue;
-                    }
-                    for z in 0..depth {
-                        for y in y0..y1 {
-                            for x in x0..x1 {
-                                let (value, part) = head.sample(at(x as f64, y as f64, (z0 + z) as f64), blur, &scope);
-                                let tissue = ((value - AIR_HU) / 900.0).clamp(0.0, 1.0);
-                                let noise = NOISE_HU * tissue * normal(x, y, z0 + z, 99);
-                                let i = x + nx * (y + ny * z);
-                                hu[i] = (value + noise).round().clamp(-1024.0, 3071.0) as i16;
-                                labels[i] = part as u16;
-                            }
-                        }
-                    }
-                }
-            }
-            progress.advance(depth as u64)
-        },
-    )?;
-
-    let mut volume = Volume::new(grid, Voxels::I16(hu), Rescale::IDENTITY, "specimen").map_err(broken)?;
-    volume.modality = Modality::Ct;
-    let labels = LabelMap {
-        grid,
-        voxels: labels,
-        labels: TABLE
-            .iter()
-            .zip(0..)
-            .map(|(&(name, color), id)| Label { id, name: name.to_owned(), color, code: None })
-            .collect(),
-        notes: Vec::new(),
-    };
-    Ok(Specimen { volume, labels })
+    painter::generate(&head, &PLAN, resolution, variant, progress)
 }

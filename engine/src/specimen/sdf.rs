@@ -153,8 +153,11 @@ pub fn normal(x: usize, y: usize, z: usize, seed: u32) -> f32 {
     (sum as f32 - 510.0) * (1.0 / 147.8)
 }
 
+/// Points with radii along a line.
+pub type Line = Vec<(Vec3, f32)>;
+
 /// A smooth curve through points with radii: `parts` pieces between any two (Catmull-Rom).
-pub fn spline(points: &[(Vec3, f32)], parts: usize) -> Vec<(Vec3, f32)> {
+pub fn spline(points: &[(Vec3, f32)], parts: usize) -> Line {
     let mut curve = Vec::with_capacity(points.len() * parts);
     for i in 0..points.len().saturating_sub(1) {
         let at = |k: isize| points[(i as isize + k).clamp(0, points.len() as isize - 1) as usize];
@@ -171,4 +174,56 @@ pub fn spline(points: &[(Vec3, f32)], parts: usize) -> Vec<(Vec3, f32)> {
     }
     curve.extend(points.last());
     curve
+}
+
+/// A round course along a curve, with its bounding box.
+pub struct Course {
+    curve: Line,
+    lo: Vec3,
+    hi: Vec3,
+}
+
+impl Course {
+    /// Smoothly through points with radii, `parts` pieces between any two.
+    pub fn new(points: &[(Vec3, f32)], parts: usize) -> Self {
+        let curve = spline(points, parts);
+        let box_of = |(lo, hi): (Vec3, Vec3), &(p, r): &(Vec3, f32)| (lo.min(p - r), hi.max(p + r));
+        let (lo, hi) = curve.iter().fold((Vec3::MAX, Vec3::MIN), box_of);
+        Self { curve, lo, hi }
+    }
+
+    /// Distance from its box: a lower bound of [`Course::distance`].
+    pub fn bound(&self, p: Vec3) -> f32 {
+        (self.lo - p).max(p - self.hi).max(Vec3::ZERO).length()
+    }
+
+    /// Distance from its surface; far away, from its box.
+    pub fn distance(&self, p: Vec3) -> f32 {
+        let bound = self.bound(p);
+        if bound > 6.0 { bound } else { tube(p, &self.curve) }
+    }
+}
+
+/// Cells of about one unit (Worley): the distances from the nearest and from the second nearest of points thrown one
+/// into each lattice cell.
+pub fn cells(p: Vec3, seed: u32) -> (f32, f32) {
+    let base = p.floor();
+    let (x, y, z) = (base.x as i32, base.y as i32, base.z as i32);
+    let (mut first, mut second) = (f32::MAX, f32::MAX);
+    for dz in -1..=1 {
+        for dy in -1..=1 {
+            for dx in -1..=1 {
+                let h = hash(x + dx, y + dy, z + dz, seed);
+                let jitter = vec3((h & 0x3ff) as f32, (h >> 10 & 0x3ff) as f32, (h >> 20 & 0x3ff) as f32) / 1023.0;
+                let at = base + vec3(dx as f32, dy as f32, dz as f32) + 0.15 + 0.7 * jitter;
+                let d = (p - at).length_squared();
+                if d < first {
+                    (first, second) = (d, first);
+                } else {
+                    second = second.min(d);
+                }
+            }
+        }
+    }
+    (first.sqrt(), second.sqrt())
 }

@@ -24,6 +24,9 @@ pub struct MinMaxBricks {
     pub dims: [usize; 3],
     /// (min, max) per brick, x fastest, in stored numbers.
     pub ranges: Vec<(f64, f64)>,
+    /// Whether a brick, border included, has nothing but transparent voxels and so shows nothing whatever their values; empty
+    /// where there is no such brick.
+    clear: Vec<bool>,
 }
 
 impl MinMaxBricks {
@@ -38,7 +41,29 @@ impl MinMaxBricks {
                 }
             });
         });
-        Self { dims: bricks, ranges }
+        Self { dims: bricks, ranges, clear: Vec::new() }
+    }
+
+    /// The same bricks of a volume with these straight colors (`dims` voxels), of which transparent ones show nothing.
+    #[must_use]
+    pub fn without_clear(mut self, colors: &[[u8; 4]], dims: [usize; 3]) -> Self {
+        let [nx, ny, _] = self.dims;
+        let clear: Vec<bool> = (0..self.ranges.len())
+            .into_par_iter()
+            .map(|i| {
+                let (from, to) = with_border([i % nx, i / nx % ny, i / (nx * ny)], dims);
+                let mut rows =
+                    (from[2]..to[2]).flat_map(|z| (from[1]..to[1]).map(move |y| dims[0] * (y + dims[1] * z)));
+                rows.all(|row| colors[row + from[0]..row + to[0]].iter().all(|c| c[3] == 0))
+            })
+            .collect();
+        self.clear = if clear.contains(&true) { clear } else { Vec::new() };
+        self
+    }
+
+    /// Whether brick `i` may show something: not all of it is transparent.
+    pub fn may_show(&self, i: usize) -> bool {
+        !self.clear.get(i).is_some_and(|clear| *clear)
     }
 
     /// Smallest and largest stored number of all.
@@ -49,8 +74,8 @@ impl MinMaxBricks {
     /// Chebyshev distance, in bricks, of each brick to the nearest one that `is_occupied` (given its range of stored
     /// numbers); 0 = occupied itself, 255 = that far or farther, or nothing is occupied.
     pub fn distances(&self, is_occupied: impl Fn(f64, f64) -> bool) -> Vec<u8> {
-        let mut distance: Vec<u8> =
-            self.ranges.iter().map(|&(lo, hi)| if is_occupied(lo, hi) { 0 } else { u8::MAX }).collect();
+        let occupied = |i: usize| self.may_show(i) && is_occupied(self.ranges[i].0, self.ranges[i].1);
+        let mut distance: Vec<u8> = (0..self.ranges.len()).map(|i| if occupied(i) { 0 } else { u8::MAX }).collect();
         let [nx, ny, nz] = self.dims.map(|n| n as isize);
         // Two chamfer sweeps with weight 1 for all 26 neighbors are exact for the Chebyshev metric.
         let half: Vec<[isize; 3]> = (-1..=1)
@@ -86,9 +111,14 @@ impl MinMaxBricks {
     }
 }
 
-fn brick_range<T: Voxel>(voxels: &[T], dims: [usize; 3], brick: [usize; 3]) -> (f64, f64) {
+/// First voxel of a brick and its border, and the one behind the last.
+fn with_border(brick: [usize; 3], dims: [usize; 3]) -> ([usize; 3], [usize; 3]) {
     let from = brick.map(|b| (b * BRICK).saturating_sub(BORDER));
-    let to: [usize; 3] = std::array::from_fn(|i| (brick[i] * BRICK + BRICK + BORDER).min(dims[i]));
+    (from, std::array::from_fn(|i| (brick[i] * BRICK + BRICK + BORDER).min(dims[i])))
+}
+
+fn brick_range<T: Voxel>(voxels: &[T], dims: [usize; 3], brick: [usize; 3]) -> (f64, f64) {
+    let (from, to) = with_border(brick, dims);
     let first = voxels[from[0] + dims[0] * (from[1] + dims[1] * from[2])];
     let (mut lo, mut hi) = (first, first);
     for z in from[2]..to[2] {
@@ -116,6 +146,16 @@ mod tests {
         assert_eq!(bricks.dims, [3, 2, 1]);
         assert_eq!(bricks.ranges.iter().map(|r| r.1).collect::<Vec<_>>(), [7.0, 7.0, 0.0, 0.0, 0.0, 0.0]);
         assert_eq!(bricks.range(), (0.0, 7.0));
+    }
+
+    #[test]
+    fn what_is_transparent_is_not_occupied() {
+        let dims = [24, 8, 8];
+        let mut colors = vec![[255, 255, 255, 0]; 24 * 64];
+        colors[17] = [0, 0, 0, 1];
+        let bricks = MinMaxBricks::compute(&Voxels::U8(vec![9; 24 * 64]), dims).without_clear(&colors, dims);
+        assert_eq!(bricks.distances(|_, _| true), [1, 0, 0]);
+        assert_eq!([0, 1, 2].map(|i| bricks.may_show(i)), [false, true, true]);
     }
 
     #[test]

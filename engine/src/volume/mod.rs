@@ -2,6 +2,7 @@
 //! Everything downstream (statistics, bricks, upload, reference) reads it through this file.
 
 pub mod bricks;
+mod colors;
 pub mod gradient;
 pub mod labels;
 pub mod no_data;
@@ -15,7 +16,6 @@ use bricks::MinMaxBricks;
 use no_data::fill_no_data;
 use statistics::Statistics;
 
-use crate::color;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::spaces::Grid;
@@ -142,6 +142,14 @@ pub enum Modality {
     Ct,
     /// Magnetic resonance: arbitrary units.
     Mr,
+    /// Positron emission tomography.
+    Pet,
+    /// Single-photon emission: scintigraphy, SPECT.
+    Nuclear,
+    /// Ultrasound.
+    Ultrasound,
+    /// Radiography, mammography, fluoroscopy, angiography, tomosynthesis.
+    XRay,
     /// Not stated.
     #[default]
     Unknown,
@@ -153,8 +161,17 @@ impl Modality {
         match self {
             Self::Ct => "CT",
             Self::Mr => "MR",
+            Self::Pet => "PET",
+            Self::Nuclear => "NM",
+            Self::Ultrasound => "US",
+            Self::XRay => "X-ray",
             Self::Unknown => "",
         }
+    }
+
+    /// What follows its values: their unit after a blank, where they have one.
+    pub fn suffix(self) -> &'static str {
+        if self == Self::Ct { " HU" } else { "" }
     }
 }
 
@@ -220,15 +237,17 @@ impl Volume {
     }
 
     /// A volume of colors, sRGB with straight alpha: its values are their linear luminances, 0 to 1 (Rec. 709 weights), in
-    /// steps of 1/65535, which the adapter keeps exactly.
+    /// steps of 1/65535, which the adapter keeps exactly. Where alpha is 0 a neighbor's luminance stands in.
     ///
     /// # Errors
     /// As [`Volume::new`].
     pub fn from_colors(grid: Grid, colors: Vec<[u8; 4]>, format: &str) -> std::result::Result<Self, String> {
-        let luminances =
-            colors.iter().map(|c| (color::luminance_of_srgb8([c[0], c[1], c[2]]) * 65535.0).round() as u16);
+        if colors.len() != grid.num_voxels() {
+            return Err(format!("{} voxels do not fill a grid of {}", colors.len(), grid.num_voxels()));
+        }
+        let luminances = colors::luminances(&colors, grid.dims());
         let rescale = Rescale { slope: 1.0 / 65535.0, intercept: 0.0 };
-        let volume = Self::new(grid, Voxels::U16(luminances.collect()), rescale, format)?;
+        let volume = Self::new(grid, Voxels::U16(luminances), rescale, format)?;
         Ok(Self { colors: Some(colors), ..volume })
     }
 
@@ -244,7 +263,13 @@ impl Volume {
 
     /// Ranges of stored numbers in bricks of 8³ voxels; computed on the first call.
     pub fn bricks(&self) -> &MinMaxBricks {
-        self.derived.bricks.get_or_init(|| MinMaxBricks::compute(&fill_no_data(self).voxels, self.grid.dims()))
+        self.derived.bricks.get_or_init(|| {
+            let bricks = MinMaxBricks::compute(&fill_no_data(self).voxels, self.grid.dims());
+            match &self.colors {
+                Some(colors) => bricks.without_clear(colors, self.grid.dims()),
+                None => bricks,
+            }
+        })
     }
 
     /// G: the ‖g‖, in data units per mm, that counts as 1 ([`gradient::gradient_max`]); computed on the first call.

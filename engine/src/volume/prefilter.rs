@@ -2,10 +2,12 @@
 //! sandpaper. Made slab by slab on the way to the GPU, so that the copy never exists in host memory.
 
 use std::collections::VecDeque;
+use std::ops::Range;
 
 use rayon::prelude::*;
 
 use super::{Voxel, Voxels};
+use crate::color::premultiplied_linear_from_srgb8;
 use crate::with_voxels;
 
 /// Sampled Gaussian of standard deviation `sigma` voxels, normalized to sum 1: entry k is the weight at ±k.
@@ -18,23 +20,62 @@ pub fn gaussian_taps(sigma: f64) -> Vec<f64> {
     weights.into_iter().map(|w| w / sum).collect()
 }
 
-/// Produces the smoothed volume in slabs of consecutive z, each value as (stored − offset) × scale in f32.
-/// Beyond the edges the outermost voxels go on.
+/// Produces the smoothed volume in slabs of consecutive z, in f32. Beyond the edges the outermost voxels go on.
 #[derive(Debug)]
 pub struct Prefilter<'a> {
-    voxels: &'a Voxels,
+    source: Source<'a>,
     dims: [usize; 3],
     taps: [Vec<f32>; 3],
-    offset: f64,
-    scale: f64,
     /// Planes already smoothed in x and y; the first belongs to z = `first_plane`.
     planes: VecDeque<Vec<f32>>,
     first_plane: usize,
 }
 
+/// What is smoothed.
+#[derive(Clone, Copy, Debug)]
+pub enum Source<'a> {
+    /// Gap-free voxels, as (stored − offset) × scale.
+    Values {
+        /// The stored numbers.
+        voxels: &'a Voxels,
+        /// In stored numbers.
+        offset: f64,
+        /// Per stored number.
+        scale: f64,
+    },
+    /// Straight sRGB colors, as premultiplied linear RGBA: four numbers a voxel.
+    Colors(&'a [[u8; 4]]),
+}
+
+impl Source<'_> {
+    /// Numbers per voxel.
+    fn num_channels(self) -> usize {
+        match self {
+            Self::Values { .. } => 1,
+            Self::Colors(_) => 4,
+        }
+    }
+
+    /// The numbers of a row of voxels.
+    fn read(self, row: Range<usize>, out: &mut [f32]) {
+        match self {
+            Self::Values { voxels, offset, scale } => with_voxels!(voxels, v => {
+                for (o, s) in out.iter_mut().zip(&v[row]) {
+                    *o = ((s.to_f64() - offset) * scale) as f32;
+                }
+            }),
+            Self::Colors(colors) => {
+                for (o, &color) in out.chunks_exact_mut(4).zip(&colors[row]) {
+                    o.copy_from_slice(&premultiplied_linear_from_srgb8(color));
+                }
+            }
+        }
+    }
+}
+
 impl<'a> Prefilter<'a> {
-    /// A filter with standard deviation `sigma_voxels` along x, y, z over gap-free voxels.
-    pub fn new(voxels: &'a Voxels, dims: [usize; 3], sigma_voxels: [f64; 3], offset: f64, scale: f64) -> Self {
+    /// A filter with standard deviation `sigma_voxels` along x, y, z.
+    pub fn new(source: Source<'a>, dims: [usize; 3], sigma_voxels: [f64; 3]) -> Self {
         let taps = std::array::from_fn(|i| {
             // Wider than four times the axis is a plain average already.
             let mut taps = gaussian_taps(sigma_voxels[i].min(4.0 * dims[i] as f64));
@@ -46,10 +87,10 @@ impl<'a> Prefilter<'a> {
             }
             taps.into_iter().map(|t| t as f32).collect()
         });
-        Self { voxels, dims, taps, offset, scale, planes: VecDeque::new(), first_plane: 0 }
+        Self { source, dims, taps, planes: VecDeque::new(), first_plane: 0 }
     }
 
-    /// The smoothed planes `z0..z1`, x fastest. Slabs are to be asked for in ascending order.
+    /// The smoothed planes `z0..z1`, x fastest, a color's four numbers together. Slabs are to be asked for in ascending order.
     pub fn slab(&mut self, z0: usize, z1: usize) -> Vec<f32> {
         let [nx, ny, nz] = self.dims;
         let radius = self.taps[2].len() - 1;
@@ -64,8 +105,9 @@ impl<'a> Prefilter<'a> {
         let this = &*self;
         let new: Vec<Vec<f32>> = (next..to).into_par_iter().map(|z| this.plane_xy(z)).collect();
         self.planes.extend(new);
-        let mut slab = vec![0.0f32; nx * ny * (z1 - z0)];
-        slab.par_chunks_mut(nx * ny).zip(z0..z1).for_each(|(out, z)| {
+        let plane_length = nx * ny * self.source.num_channels();
+        let mut slab = vec![0.0f32; plane_length * (z1 - z0)];
+        slab.par_chunks_mut(plane_length).zip(z0..z1).for_each(|(out, z)| {
             let plane = |z: isize| &self.planes[z.clamp(0, nz as isize - 1) as usize - self.first_plane];
             for (k, &tap) in self.taps[2].iter().enumerate() {
                 accumulate(out, plane(z as isize - k as isize), plane(z as isize + k as isize), tap, k);
@@ -76,26 +118,29 @@ impl<'a> Prefilter<'a> {
 
     fn plane_xy(&self, z: usize) -> Vec<f32> {
         let [nx, ny, _] = self.dims;
-        let mut rows = vec![0.0f32; nx * ny];
-        let radius = self.taps[0].len() - 1;
-        let mut padded = vec![0.0f32; nx + 2 * radius];
-        with_voxels!(self.voxels, v => {
-            for (y, row) in rows.chunks_mut(nx).enumerate() {
-                let start = nx * (y + ny * z);
-                for (p, s) in padded[radius..].iter_mut().zip(&v[start..start + nx]) {
-                    *p = ((s.to_f64() - self.offset) * self.scale) as f32;
-                }
-                let (left, right) = (padded[radius], padded[radius + nx - 1]);
-                padded[..radius].fill(left);
-                padded[radius + nx..].fill(right);
-                for (k, &tap) in self.taps[0].iter().enumerate() {
-                    accumulate(row, &padded[radius - k..][..nx], &padded[radius + k..][..nx], tap, k);
-                }
+        // Along x, a color's neighbor is four numbers away.
+        let channels = self.source.num_channels();
+        let row_length = channels * nx;
+        let mut rows = vec![0.0f32; row_length * ny];
+        let radius = channels * (self.taps[0].len() - 1);
+        let mut padded = vec![0.0f32; row_length + 2 * radius];
+        for (y, row) in rows.chunks_mut(row_length).enumerate() {
+            let start = nx * (y + ny * z);
+            self.source.read(start..start + nx, &mut padded[radius..radius + row_length]);
+            for i in (0..radius).rev() {
+                padded[i] = padded[i + channels];
             }
-        });
-        let mut plane = vec![0.0f32; nx * ny];
-        for (y, out) in plane.chunks_mut(nx).enumerate() {
-            let row = |y: isize| &rows[nx * y.clamp(0, ny as isize - 1) as usize..][..nx];
+            for i in radius + row_length..padded.len() {
+                padded[i] = padded[i - channels];
+            }
+            for (k, &tap) in self.taps[0].iter().enumerate() {
+                let (before, after) = (radius - channels * k, radius + channels * k);
+                accumulate(row, &padded[before..][..row_length], &padded[after..][..row_length], tap, k);
+            }
+        }
+        let mut plane = vec![0.0f32; row_length * ny];
+        for (y, out) in plane.chunks_mut(row_length).enumerate() {
+            let row = |y: isize| &rows[row_length * y.clamp(0, ny as isize - 1) as usize..][..row_length];
             for (k, &tap) in self.taps[1].iter().enumerate() {
                 accumulate(out, row(y as isize - k as isize), row(y as isize + k as isize), tap, k);
             }
@@ -151,7 +196,8 @@ mod tests {
             sum
         };
         let stored = Voxels::I16(voxels.clone());
-        let mut filter = Prefilter::new(&stored, dims, sigma, -500.0, 1e-3);
+        let source = Source::Values { voxels: &stored, offset: -500.0, scale: 1e-3 };
+        let mut filter = Prefilter::new(source, dims, sigma);
         let mut z = 0;
         for step in [3, 1, 5, 2] {
             let slab = filter.slab(z, z + step);
@@ -166,7 +212,23 @@ mod tests {
     #[test]
     fn a_filter_wider_than_the_volume_ends_and_averages() {
         let stored = Voxels::U8(vec![0, 100]);
-        let slab = Prefilter::new(&stored, [2, 1, 1], [1e6, 1e6, 1e6], 0.0, 1.0).slab(0, 1);
+        let source = Source::Values { voxels: &stored, offset: 0.0, scale: 1.0 };
+        let slab = Prefilter::new(source, [2, 1, 1], [1e6, 1e6, 1e6]).slab(0, 1);
         assert!((slab[0] - 50.0).abs() < 5.0 && (slab[1] - 50.0).abs() < 5.0, "{slab:?}");
+    }
+
+    #[test]
+    fn a_color_is_smoothed_channel_by_channel() {
+        let dims = [5, 4, 3];
+        let colors: Vec<[u8; 4]> = (0..60).map(|i| [1, 3, 7, 11].map(|n| (i * n * 37 % 256) as u8)).collect();
+        let sigma = [1.4, 0.6, 0.9];
+        let slab = Prefilter::new(Source::Colors(&colors), dims, sigma).slab(0, 3);
+        for channel in 0..4 {
+            let values = colors.iter().map(|&c| premultiplied_linear_from_srgb8(c)[channel]).collect();
+            let stored = Voxels::F32(values);
+            let source = Source::Values { voxels: &stored, offset: 0.0, scale: 1.0 };
+            let alone = Prefilter::new(source, dims, sigma).slab(0, 3);
+            assert!(slab.iter().skip(channel).step_by(4).eq(&alone), "channel {channel}");
+        }
     }
 }

@@ -16,9 +16,32 @@ use super::progress_bar::Bar;
 use super::{UsageError, print_line, reading, survey};
 use crate::figure::source::VolumeSource;
 
+/// What `--help` says about specimens: here, and nowhere else.
+const SPECIMENS: &str = "\
+Specimens are data sets that Fabrica makes itself, with their label maps: specimen:NAME[@N][,WORD]...
+
+  NAME    head, turtle or engine
+  N       voxels along the longest axis, 16 to 1024 (default 256)
+  WORD    how it differs from the plain one; each at most once, in any order:
+    size=F          F times as large
+    turn=R/A/S      degrees about the axes right, front and up, in this order
+    drawn-in=F      the turtle's head drawn in: 0 (stretched out) to 1
+    mirrored        left and right exchanged
+    without=A+B     structures left out, named as inspect lists them, - for spaces;
+                    the lower teeth go with the mandible
+    mr              MRI-like contrast with a bias field (not the engine: metal)
+    noise=SD        standard deviation of the noise, in units of the values
+    slope=F         values times F ...
+    offset=V        ... plus V: a scanner off its calibration
+
+  For example: specimen:head@128,size=1.15,turn=10/0/-5,without=mandible,noise=20
+
+A specimen goes wherever a volume goes: as an argument, after --volume, and in a template.";
+
 #[derive(clap::Args, Debug)]
+#[command(after_long_help = SPECIMENS)]
 pub struct Arguments {
-    /// A volume file, a folder, or specimen:NAME[@N].
+    /// A volume file, a folder, or specimen:NAME[@N][,VARIANT] (--help lists them).
     file_or_dir: String,
     /// Print JSON.
     #[arg(long)]

@@ -11,7 +11,7 @@ use crate::editor::{Options, open_window};
 
 #[derive(clap::Args, Debug, Default)]
 pub struct Arguments {
-    /// A figure (JSON), a volume, a folder of one, specimen:head, or a figure and the volume that it shall show.
+    /// A figure (JSON), a volume, a folder of one, a specimen (specimen:head, specimen:turtle, specimen:engine), or a figure and the volume that it shall show.
     files: Vec<PathBuf>,
     /// software, hardware, or a part of an adapter's name (see `fabrica adapters`): what draws the figure.
     #[arg(long, value_name = "NAME", default_value = "auto")]

@@ -13,7 +13,7 @@ use crate::figure::template::VolumeSlot;
 
 #[derive(clap::Args, Debug)]
 pub struct Arguments {
-    /// A volume file, a folder, or specimen:NAME[@N].
+    /// A volume file, a folder, or specimen:NAME[@N][,VARIANT] (`fabrica inspect --help` lists them).
     volume: String,
     #[command(flatten)]
     reading: reading::Arguments,
@@ -38,7 +38,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let file = match &source {
         VolumeSource::Path(path) => name_in_template(path, out)?,
-        VolumeSource::Specimen { .. } => arguments.volume.clone(),
+        VolumeSource::Specimen(_) => arguments.volume.clone(),
     };
     let slot = VolumeSlot::new(first_look::SLOT, String::new()).reading(file, &options);
     setup::save_text(out, &first_look(&volume, slot, &progress)?.to_json()?).context("the template was not written")

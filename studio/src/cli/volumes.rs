@@ -15,7 +15,7 @@ use crate::figure::source::VolumeSource;
 #[derive(clap::Args, Debug)]
 #[group(skip)]
 pub struct Arguments {
-    /// A file, folder or specimen:NAME[@N] in place of the template's volume; repeat it to fill further slots.
+    /// A file, folder or specimen:NAME[@N][,VARIANT] in place of the template's volume; repeat it to fill further slots.
     #[arg(long, value_name = "FILE_OR_DIR")]
     volume: Vec<String>,
     /// Layout of the raw file in the --volume before it: DIMSxTYPE[,spacing][,endian], as in

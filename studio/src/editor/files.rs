@@ -210,7 +210,7 @@ pub fn ask(
             let entries = read::survey(&path, &slot.options()?, progress)?;
             Ok(VolumeChoice::new(&path, slot, Some(place), entries, limits))
         }
-        VolumeSource::Specimen { .. } => bail!("a specimen has one size and no parts; choose another with \"Open\""),
+        VolumeSource::Specimen(_) => bail!("a specimen has one size and no parts; choose another with \"Open\""),
     }
 }
 
@@ -219,7 +219,7 @@ fn file_name(path: &Path) -> Result<String> {
     let name = path.to_str().context("the path is not UTF-8, and templates are; rename the file")?;
     match VolumeSource::parse(name, Path::new(""))? {
         VolumeSource::Path(path) => Ok(std::path::absolute(path)?.display().to_string()),
-        VolumeSource::Specimen { .. } => Ok(name.to_owned()),
+        VolumeSource::Specimen(_) => Ok(name.to_owned()),
     }
 }
 

@@ -10,7 +10,6 @@ use eframe::egui::{
     PointerButton, Pos2, Rect, Response, Role, Sense, Stroke, TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo,
 };
 use fabrica_engine::pick::{Pick, pick};
-use fabrica_engine::volume::Modality;
 use glam::{DVec2, DVec3};
 
 use super::gallery::{DraggedStyle, Gallery};
@@ -419,10 +418,7 @@ impl Viewport {
         }
         let node = nearest_node(open, &answer.pick);
         let Some(nodes) = open.chosen().map(|o| o.transfer_function.nodes.clone()) else { return };
-        let unit = match open.chosen_volume().map(|v| v.modality) {
-            Some(Modality::Ct) => " HU",
-            _ => "",
-        };
+        let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
         let (at, value, gradient) = (answer.at, answer.pick.value, answer.pick.gradient);
         let painter = ui.painter();
         painter.circle_stroke(at, 6.0, Stroke::new(4.0, Color32::WHITE));

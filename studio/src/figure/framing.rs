@@ -151,9 +151,11 @@ pub fn outline(object: &Object) -> Vec<DVec3> {
         .map(|&(a, b)| (volume.rescale.value(a), volume.rescale.value(b)))
         .map(|(a, b)| (a.min(b), a.max(b)))
         .collect();
-    let is_full = |x: usize, y: usize, z: usize| ranges[x + nx * (y + ny * z)].0 > threshold;
+    // Which of a brick's voxels are transparent is not known: one that has some is not full.
+    let is_opaque = volume.colors.as_ref().is_none_or(|colors| colors.iter().all(|c| c[3] > 0));
+    let is_full = |x: usize, y: usize, z: usize| is_opaque && ranges[x + nx * (y + ny * z)].0 > threshold;
     let mut points = Vec::new();
-    for (i, _) in ranges.iter().enumerate().filter(|(_, range)| range.1 > threshold) {
+    for (i, _) in ranges.iter().enumerate().filter(|(i, range)| range.1 > threshold && bricks.may_show(*i)) {
         let [x, y, z] = [i % nx, i / nx % ny, i / (nx * ny)];
         // The hull of six full neighbors contains what is between them.
         let is_inside = (1..nx - 1).contains(&x) && (1..ny - 1).contains(&y) && (1..nz - 1).contains(&z);
@@ -197,7 +199,8 @@ fn add_row_ends(volume: &Volume, brick: [usize; 3], threshold: f64, points: &mut
         for z in from[2]..to[2] {
             for y in from[1]..to[1] {
                 let row = dims[0] * (y + dims[1] * z);
-                let is_shown = |x: &usize| volume.rescale.value(voxels[row + x].to_f64()) > threshold;
+                let is_seen = |x: usize| volume.colors.as_ref().is_none_or(|colors| colors[row + x][3] > 0);
+                let is_shown = |x: &usize| volume.rescale.value(voxels[row + x].to_f64()) > threshold && is_seen(*x);
                 let ends = [(from[0]..to[0]).find(is_shown), (from[0]..to[0]).rfind(is_shown)];
                 points.extend(ends.into_iter().flatten().map(|x| world.transform_point3(DVec3::new(x as f64, y as f64, z as f64))));
             }

@@ -32,6 +32,8 @@ pub const SHIPPED: &[Shipped] = &[
     shipped!("head_glass", "CT in HU: bone under the skin's contour"),
     shipped!("head_engraving", "CT in HU: an engraving on paper"),
     shipped!("head_xray", "CT in HU: translucent throughout"),
+    shipped!("turtle", "CT in HU: bones and organs within a shell of amber"),
+    shipped!("engine", "Industrial CT: glass castings around brass"),
 ];
 
 static TITLES: LazyLock<Vec<String>> = LazyLock::new(|| SHIPPED.iter().map(|s| s.figure().title).collect());

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use anyhow::{Result, bail};
 use fabrica_engine::read::limits::Limits;
 use fabrica_engine::read::{ReadOptions, read_volume};
-use fabrica_engine::specimen;
-use fabrica_engine::volume::{Modality, Volume};
+use fabrica_engine::specimen::{self, Request};
+use fabrica_engine::volume::Volume;
 use fabrica_engine::volume_out::write_nrrd;
 use fabrica_engine::{Error, Progress};
 
@@ -18,30 +18,18 @@ use crate::memory;
 pub enum VolumeSource {
     /// A file or folder.
     Path(PathBuf),
-    /// A specimen and its number of voxels along the longest axis.
-    Specimen {
-        /// "head".
-        name: String,
-        /// Voxels along the longest axis.
-        resolution: usize,
-    },
+    /// A specimen: its name, resolution and variant.
+    Specimen(Request),
 }
 
 impl VolumeSource {
-    /// "specimen:NAME", "specimen:NAME@N", or a path, which counts from `base` unless it is absolute.
+    /// "specimen:NAME[@N][,VARIANT]" (see [`specimen::Variant`]), or a path, which counts from `base` unless it is absolute.
     ///
     /// # Errors
-    /// A sentence for a resolution that is no number.
+    /// A sentence for a resolution that is no number and for words that are no variant.
     pub fn parse(text: &str, base: &Path) -> Result<Self> {
         let Some(specimen) = text.strip_prefix("specimen:") else { return Ok(Self::Path(base.join(text))) };
-        let (name, resolution) = match specimen.split_once('@') {
-            None => (specimen, specimen::DEFAULT_RESOLUTION),
-            Some((name, digits)) => match digits.parse() {
-                Ok(n) => (name, n),
-                Err(_) => bail!("\"{text}\" has no number of voxels after the @; write for example specimen:head@128"),
-            },
-        };
-        Ok(Self::Specimen { name: name.to_owned(), resolution })
+        Ok(Self::Specimen(Request::parse(specimen)?))
     }
 
     /// Reads or makes the volume.
@@ -51,10 +39,14 @@ impl VolumeSource {
     pub fn load(&self, options: &ReadOptions, progress: &Progress) -> Result<Arc<Volume>> {
         let volume = match self {
             Self::Path(path) => read_volume(path, &within_memory(options), progress)?,
-            Self::Specimen { .. } if options.raw.is_some() || options.frame > 0 => {
-                bail!("a specimen has one frame and no raw layout; leave --raw and --frame out")
+            Self::Specimen(_)
+                if (ReadOptions { limits: Limits::default(), ..options.clone() }) != ReadOptions::default() =>
+            {
+                bail!(
+                    "a specimen is one volume, as large as its name says; leave --raw, --series, --frame, --crop and --reduce out"
+                )
             }
-            Self::Specimen { name, resolution } => load_specimen(name, *resolution, progress)?,
+            Self::Specimen(request) => load_specimen(request, progress)?,
         };
         Ok(Arc::new(volume))
     }
@@ -74,35 +66,50 @@ fn cache_folder() -> Option<PathBuf> {
         .or_else(|| Some(directories::ProjectDirs::from("", "", "fabrica")?.cache_dir().to_owned()))
 }
 
-fn load_specimen(name: &str, resolution: usize, progress: &Progress) -> Result<Volume> {
+/// The name of a specimen's file in the cache. The variant's text is canonical, and what is put for `/` and `,` occurs
+/// nowhere else in it, so no two variants share a file.
+fn cache_name(request: &Request) -> String {
+    let Request { name, resolution, variant } = request;
+    let version = specimen::version(name);
+    if variant.is_plain() {
+        return format!("specimen-{name}-{resolution}-v{version}.nrrd");
+    }
+    let mut words = variant.to_string().replace('/', "~").replace(',', "_");
+    // File names have an end; a list of structures need not.
+    if words.len() > 120 {
+        let hash =
+            words.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
+        words = format!("{hash:016x}");
+    }
+    format!("specimen-{name}-{resolution}-{words}-v{version}.nrrd")
+}
+
+fn load_specimen(request: &Request, progress: &Progress) -> Result<Volume> {
     // The name goes into a file name only once the engine knows it.
-    let file = specimen::NAMES
-        .contains(&name)
-        .then(cache_folder)
-        .flatten()
-        .map(|folder| folder.join(format!("specimen-{name}-{resolution}-v{}.nrrd", specimen::version(name))));
+    request.check()?;
+    let file = cache_folder().map(|folder| folder.join(cache_name(request)));
     if let Some(file) = &file
         && file.exists()
     {
         match read_volume(file, &ReadOptions::default(), progress) {
-            Ok(volume) => return Ok(as_specimen(volume)),
+            Ok(volume) => return Ok(as_specimen(volume, request)),
             Err(Error::Cancelled) => return Err(Error::Cancelled.into()),
             // A damaged cache is made again.
             Err(_) => {}
         }
     }
-    let made = specimen::generate(name, resolution, progress)?;
+    let made = request.generate(progress)?;
     if let Some(file) = &file {
         // No cache (a full disk, a read-only home) only costs the next run its time.
         let _ = file.parent().map(std::fs::create_dir_all);
         let _ = write_nrrd(file, &made.volume);
     }
-    Ok(as_specimen(made.volume))
+    Ok(as_specimen(made.volume, request))
 }
 
-fn as_specimen(mut volume: Volume) -> Volume {
+fn as_specimen(mut volume: Volume, request: &Request) -> Volume {
     "specimen".clone_into(&mut volume.format);
-    volume.modality = Modality::Ct;
+    volume.modality = request.modality();
     volume.source = None;
     volume
 }
@@ -116,10 +123,38 @@ mod tests {
         let base = Path::new("/figures");
         assert_eq!(
             VolumeSource::parse("specimen:head@96", base).unwrap(),
-            VolumeSource::Specimen { name: "head".into(), resolution: 96 }
+            VolumeSource::Specimen(Request::plain("head", 96))
         );
         assert_eq!(VolumeSource::parse("a/b.nii", base).unwrap(), VolumeSource::Path("/figures/a/b.nii".into()));
         assert_eq!(VolumeSource::parse("/c.nii", base).unwrap(), VolumeSource::Path("/c.nii".into()));
         assert!(VolumeSource::parse("specimen:head@many", base).is_err());
+        assert!(VolumeSource::parse("specimen:head,tall", base).is_err());
+    }
+
+    #[test]
+    fn every_variant_has_a_file_of_its_own() {
+        let name = |text: &str| cache_name(&Request::parse(text).unwrap());
+        assert_eq!(name("head@64"), format!("specimen-head-64-v{}.nrrd", specimen::version("head")));
+        let many = format!("head,without={}", (0..40).map(|i| format!("part-{i}")).collect::<Vec<_>>().join("+"));
+        let texts = [
+            "head",
+            "head,mr",
+            "head,mirrored",
+            "head,turn=1/2/3",
+            "head,turn=12/0/3",
+            "head,turn=-1/2/3",
+            "head,size=1.15",
+            "head,noise=1.15",
+            "head,without=skin+fat",
+            "head,without=skin-fat",
+            &many,
+            &format!("{many}0"),
+        ];
+        let mut names: Vec<String> = texts.iter().map(|text| name(text)).collect();
+        assert!(names.iter().all(|n| n.len() < 200 && !n.contains(['/', ',', ':'])));
+        names.sort();
+        names.dedup();
+        assert_eq!(names.len(), texts.len());
+        assert_eq!(name("head,mr,size=2"), name("head, size=2.0, mr"));
     }
 }

@@ -47,7 +47,8 @@ pub struct Template {
 pub struct VolumeSlot {
     /// What objects call it.
     pub name: String,
-    /// A file or folder, relative to the template, or "specimen:head" (a size may follow: "specimen:head@128").
+    /// A file or folder, relative to the template, or "specimen:head", "specimen:turtle" or "specimen:engine" (a size and
+    /// variants may follow: "specimen:head@128,mirrored"; `fabrica inspect --help` lists them).
     pub file: String,
     /// Which frame of a 4-D file, from 0.
     #[serde(default, skip_serializing_if = "is_zero")]

@@ -393,6 +393,11 @@ pub fn teeth() -> Vec<Tooth> {
 }
 
 impl Tooth {
+    /// Whether it stands in the mandible.
+    pub fn is_lower(&self) -> bool {
+        self.rootward.z < 0.0
+    }
+
     /// Distances of crown and root at a world position.
     pub fn distance(&self, p: Vec3) -> (f32, f32) {
         let a = p - self.center;

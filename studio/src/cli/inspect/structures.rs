@@ -5,7 +5,6 @@ use std::path::Path;
 use anyhow::Result;
 use fabrica_engine::read::label_table::read_label_table;
 use fabrica_engine::read::{ReadOptions, read_labels, survey};
-use fabrica_engine::specimen;
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::labels::{Label, LabelMap, StructureStatistics, resample_layers};
 use fabrica_engine::{Error, Progress};
@@ -73,9 +72,7 @@ impl Listing {
                 Some(read_labels(path, options, progress)?)
             }
             // The cache holds the volume only; its label map comes from making it.
-            (None, VolumeSource::Specimen { name, resolution }) => {
-                Some(vec![specimen::generate(name, *resolution, progress)?.labels])
-            }
+            (None, VolumeSource::Specimen(request)) => Some(vec![request.generate(progress)?.labels]),
             _ => None,
         };
         let Some(mut layers) = layers else { return Ok(Self::default()) };
@@ -100,7 +97,7 @@ impl Listing {
             add(note.into_iter().collect());
         }
         // In a label map alone, means would be those of its numbers.
-        let has_scan = other.is_some() || matches!(source, VolumeSource::Specimen { .. });
+        let has_scan = other.is_some() || matches!(source, VolumeSource::Specimen(_));
         let mut structures = Vec::new();
         for (i, layer) in layers.iter().enumerate() {
             let means = if has_scan { layer.means(volume).unwrap_or_default() } else { Vec::new() };

@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 
 use eframe::egui::{self, Context, Panel, Ui};
 use fabrica_engine::Progress;
-use fabrica_engine::volume::Modality;
 use glam::DVec3;
 
 use super::super::autosave::Autosave;
@@ -146,11 +145,8 @@ impl Editor {
             if let Some(open) = &self.open {
                 if let Some(under) = self.viewport.under() {
                     ui.label(place(under.position_mm));
-                    let unit = match open.chosen_volume().map(|v| v.modality) {
-                        Some(Modality::Ct) => "HU",
-                        _ => "",
-                    };
-                    ui.label(format!("{:.1} {unit}", under.value));
+                    let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
+                    ui.label(format!("{:.1}{unit}", under.value));
                     ui.separator();
                 }
                 if !self.notice.is_fresh(ui.ctx()) && ui.ctx().content_rect().width() > WIDE {

@@ -59,10 +59,9 @@ impl<'a> Positions<'a> {
 
     /// What numbers of positions are followed by.
     pub fn unit(self, volume: Option<&Volume>) -> &'static str {
-        match (self.domain, volume.map(|v| v.modality)) {
-            (Domain::Percentile, _) => " %",
-            (Domain::Data, Some(Modality::Ct)) => " HU",
-            _ => "",
+        match self.domain {
+            Domain::Percentile => " %",
+            Domain::Data => volume.map_or("", |v| v.modality.suffix()),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use eframe::egui::epaint::{Mesh, PathShape};
 use eframe::egui::{self, Align2, Color32, FontId, Pos2, Rect, Stroke, Vec2};
-use fabrica_engine::volume::{Modality, Volume};
+use fabrica_engine::volume::Volume;
 
 use super::super::gallery::Gallery;
 use super::super::theme::Tokens;
@@ -116,7 +116,7 @@ pub fn paint_axis(painter: &egui::Painter, plot: Plot, volume: Option<&Volume>, 
     let font = FontId::proportional(11.0);
     let mut tick = (plot.low / step).ceil() * step;
     // The unit has the last place.
-    let unit = volume.filter(|v| v.modality == Modality::Ct).map_or("value", |_| "HU");
+    let unit = volume.map(|v| v.modality.suffix().trim()).filter(|unit| !unit.is_empty()).unwrap_or("value");
     painter.text(plot.rect.right_bottom() + Vec2::Y * 2.0, Align2::RIGHT_TOP, unit, font.clone(), tokens.dim);
     while tick <= plot.high && step > 0.0 {
         let x = plot.x(tick);

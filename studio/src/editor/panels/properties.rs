@@ -1,7 +1,7 @@
 //! The properties of the chosen object, of the page and of the view: a row each, a number with its unit always.
 
 use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Response, Ui, WidgetText};
-use fabrica_engine::volume::{Modality, Volume};
+use fabrica_engine::volume::Volume;
 
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
@@ -282,12 +282,13 @@ fn description(volume: &Volume) -> Vec<String> {
         format!("of {} x {} x {} mm", shorter(mm.x), shorter(mm.y), shorter(mm.z)),
         format!("{}, {}, {:.0} MB", volume.format, volume.voxels.type_name(), volume.num_bytes() as f64 / 1e6),
     ];
+    if !volume.description.is_empty() {
+        lines.insert(0, volume.description.clone());
+    }
     if let Some(s) = volume.known_statistics() {
-        let (kind, unit) = match volume.modality {
-            Modality::Ct => ("CT, ", " HU"),
-            Modality::Mr => ("MR, ", ""),
-            Modality::Unknown => ("", ""),
-        };
+        let kind =
+            Some(volume.modality.abbreviation()).filter(|k| !k.is_empty()).map_or(String::new(), |k| format!("{k}, "));
+        let unit = volume.modality.suffix();
         lines.push(format!("{kind}values {} to {}{unit}", shorter(s.min), shorter(s.max)));
     }
     lines

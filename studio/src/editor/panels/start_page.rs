@@ -69,6 +69,13 @@ pub struct Contents<'a> {
     pub orphans: &'a [Orphan],
 }
 
+/// Data sets to begin with: the specimen's name, what the button calls it, what it says of it.
+const SPECIMENS: [(&str, &str, &str); 3] = [
+    ("head", "a head", "A CT that Fabrica makes itself"),
+    ("turtle", "a turtle", "A CT that Fabrica makes itself: shell, organs and bones"),
+    ("engine", "an engine", "An industrial CT that Fabrica makes itself: castings of aluminum, steel within"),
+];
+
 /// A card: a picture with two lines below.
 const CARD: Vec2 = Vec2::new(216.0, 264.0);
 const PICTURE: f32 = 216.0;
@@ -94,12 +101,11 @@ pub fn show(ui: &mut Ui, contents: &Contents<'_>, pictures: &mut Pictures) -> Op
         drop_area(ui);
         ui.add_space(16.0);
         ui.label(theme::heading("Try it"));
-        if ui
-            .add(egui::Button::new("Specimen: a head").min_size(wide))
-            .on_hover_text("A CT that Fabrica makes itself")
-            .clicked()
-        {
-            choice = Some(Choice::Open(PathBuf::from("specimen:head")));
+        for (name, title, hint) in SPECIMENS {
+            let button = egui::Button::new(format!("Specimen: {title}")).min_size(wide);
+            if ui.add(button).on_hover_text(hint).clicked() {
+                choice = Some(Choice::Open(PathBuf::from(format!("specimen:{name}"))));
+            }
         }
     });
     egui::CentralPanel::default().frame(egui::Frame::new().fill(tokens.canvas).inner_margin(24)).show(ui, |ui| {

@@ -10,6 +10,10 @@ use glam::DVec3;
 pub enum Kind {
     /// Nothing differs from anything else: constant, or without a finite voxel.
     Constant,
+    /// Colors, of which the transparent ones cut out what is to be seen.
+    CutOut,
+    /// Colors on a dark background, as photographs of slices have them.
+    Colors,
     /// Computed tomography in Hounsfield units.
     Ct {
         /// The value of blood with contrast medium, where there is enough of it to see.
@@ -33,7 +37,9 @@ pub enum Kind {
 impl Kind {
     /// From a volume and its statistics.
     pub fn of(volume: &Volume, statistics: &Statistics) -> Self {
-        if statistics.min == statistics.max {
+        if let Some(colors) = &volume.colors {
+            if colors.iter().any(|c| c[3] == 0) { Self::CutOut } else { Self::Colors }
+        } else if statistics.min == statistics.max {
             Self::Constant
         } else if volume.modality == Modality::Ct || (volume.modality == Modality::Unknown && is_in_hu(statistics)) {
             Self::Ct { contrast: contrast(statistics) }

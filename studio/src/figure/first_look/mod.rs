@@ -35,7 +35,7 @@ pub const SLOT: &str = "volume";
 
 /// What people call a file: its name without folders and extensions; a specimen's own.
 fn name(file: &str) -> String {
-    let file = file.strip_prefix("specimen:").map_or(file, |s| s.split('@').next().unwrap_or(s));
+    let file = file.strip_prefix("specimen:").map_or(file, |s| s.split(['@', ',']).next().unwrap_or(s));
     let last = file.rsplit(['/', '\\']).find(|part| !part.is_empty()).unwrap_or(file);
     last.split('.').find(|part| !part.is_empty()).unwrap_or(last).to_owned()
 }
@@ -118,6 +118,17 @@ impl Look {
             Kind::Ct { .. } if view.is_of_sheet => Self::ct(CT_SHEET.to_vec()),
             Kind::Body | Kind::Organ | Kind::OneMaterial | Kind::TwoMaterials { .. } if view.is_of_sheet => {
                 Self::tones(statistics)
+            }
+            // A white cast leaves colors as they are.
+            Kind::CutOut => Self { domain: Domain::Data, nodes: vec![(0.0, "plaster", 1.0)], gradient_scale_mm: None },
+            Kind::Colors => {
+                // Otsu's threshold lies among the colors: of these, the dark ones are far above what is black.
+                let (dark, seen) = (0.05 * statistics.background, 0.2 * statistics.background);
+                let filler = kind::filler(statistics).filter(|value| *value < statistics.background);
+                let dark = filler.map_or(dark, |value| dark.max(value));
+                let seen = seen.max(2.0 * dark);
+                let nodes = vec![(round(dark, 5), "plaster", 0.0), (round(seen, 5), "plaster", 0.9)];
+                Self { domain: Domain::Data, nodes, gradient_scale_mm: None }
             }
             Kind::Constant => Self::percentiles(&[(0.0, "clay", 0.9)], statistics),
             Kind::Ct { contrast } => Self::ct(ct_nodes(contrast)),
