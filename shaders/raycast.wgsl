@@ -19,7 +19,7 @@
 #import {no_data}
 #import {resume}
 #if colors
-#import bind/colors
+#import lib/seen_color
 #import lib/strongest_change
 #import lib/tint
 #end
@@ -116,7 +116,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 #if colors
                 let gradient = strongest_change(edge.gradient + w * (next.gradient - edge.gradient));
                 let style = tint(shade(piece.node / max(piece.extinction, 1e-30), gradient, face_normal(p),
-                    ray.world_direction, axes, style_level(depth)), color_at(p));
+                    ray.world_direction, axes, style_level(depth)), seen_color(p));
 #else
                 let style = shade(piece.node / max(piece.extinction, 1e-30), mix(edge.gradient, next.gradient, w),
                     face_normal(p), ray.world_direction, axes, style_level(depth));

@@ -3,10 +3,6 @@
 
 @group(1) @binding(10) var colors: texture_3d<f32>;
 
-fn color_at(p: vec3f) -> vec4f {
-    return sample_color(colors, p);
-}
-
 // Trilinear reconstruction; voxel centers at integer index, clamped to the edge.
 fn sample_color(field: texture_3d<f32>, p: vec3f) -> vec4f {
     return textureSampleLevel(field, style_sampler, (p + 0.5) * object.texel_scale, 0.0);

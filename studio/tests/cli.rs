@@ -301,8 +301,9 @@ fn inspect_lists_the_structures_of_label_maps() {
     std::fs::write(place.path("part.seg.nrrd"), segmentation("20")).unwrap();
     std::fs::write(place.path("far.seg.nrrd"), segmentation("900")).unwrap();
     std::fs::write(place.path("table.txt"), "1 Lung 10 20 30 0\n2 Heart 40 50 60 0\n").unwrap();
-    std::fs::write(place.path("scan.raw"), [100, 50, 70, 200]).unwrap();
-    let scan = ["inspect", "scan.raw", "--raw", "4x1x1xuint8,10x10x10"];
+    let plain = segmentation("0").replace("Segment", "Other").replace("0 1 1 2", "100 50 70 200");
+    std::fs::write(place.path("scan.nrrd"), plain).unwrap();
+    let scan = ["inspect", "scan.nrrd"];
     let json = |more: &[&str]| -> serde_json::Value {
         let output = place.run(&[&scan[..], more, &["--json"]].concat());
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -322,7 +323,7 @@ fn inspect_lists_the_structures_of_label_maps() {
     assert!(
         place.fails(&[&scan[..], &["--labels", "far.seg.nrrd"]].concat(), 1).contains("the label map lies elsewhere")
     );
-    assert!(place.fails(&[&scan[..], &["--label-table", "scan.raw"]].concat(), 1).contains("no table of labels"));
+    assert!(place.fails(&[&scan[..], &["--label-table", "scan.nrrd"]].concat(), 1).contains("no table of labels"));
     // A label map alone, by what it says of itself and by what is said of it.
     for arguments in [&["inspect", "a.seg.nrrd"][..], &["inspect", "a.seg.nrrd", "--labels"]] {
         let words = String::from_utf8(place.run(arguments).stdout).unwrap();

@@ -3,8 +3,10 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod colors;
+mod dicom;
 mod estimate;
 mod extremes;
+mod hostile;
 mod labels;
 mod orientation;
 mod pipelines;

@@ -30,6 +30,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/resume_none",
     "lib/sample_filtered",
     "lib/sample_loads",
+    "lib/seen_color",
     "lib/skip",
     "lib/strongest_change",
     "lib/style",
@@ -139,6 +140,7 @@ fn add(
         } else if line.trim_end() == "#end" {
             left_out.take().ok_or_else(|| format!("an #end without #if in \"{name}\""))?;
         } else if left_out == Some(true) {
+            continue;
         } else if let Some(import) = line.strip_prefix("#import ").map(str::trim) {
             let target = match import.strip_prefix('{').and_then(|i| i.strip_suffix('}')) {
                 None => import,

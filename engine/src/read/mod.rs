@@ -47,6 +47,8 @@ pub struct ReadOptions {
     /// Which volume of a folder or file with several: an [`Entry::key`], a part of an [`Entry::title`] that only one has, or
     /// its number in the survey, from 1.
     pub series: Option<String>,
+    /// Its numbers are names of structures: what is read are their colors ([`Volume::from_labels`]).
+    pub labels_as_colors: bool,
     /// Which part of it, and how finely.
     pub window: Window,
     /// What it may take.
@@ -144,6 +146,8 @@ static READERS: [&dyn VolumeReader; 9] = [
     // Before TIFF, whose mark may stand in a DICOM file's preamble.
     &dicom::DicomReader,
     &metaimage::MetaImageReader,
+    // Before TIFF: a file may be both, with DICOM meant.
+    &dicom::DicomReader,
     &tiff::TiffReader,
     &npy::NpyReader,
     &mask_folder::FolderReader,
@@ -165,7 +169,12 @@ pub fn read_volume(path: &Path, options: &ReadOptions, progress: &Progress) -> R
     let (entry, note) = choose(path, &entries, options.series.as_deref())?;
     options.limits.check(path, entry, options)?;
     let series = (entries.len() > 1).then(|| entry.key.clone());
-    let mut volume = reader.read(path, &ReadOptions { series, ..options.clone() }, progress)?;
+    let options = &ReadOptions { series, ..options.clone() };
+    let mut volume = if options.labels_as_colors {
+        colors_of_labels(path, entry, reader.read_labels(path, options, progress)?)?
+    } else {
+        reader.read(path, options, progress)?
+    };
     volume.source = Some(path.to_owned());
     volume.warnings.extend(note);
     Ok(volume)
@@ -363,6 +372,31 @@ fn window_labels(path: &Path, labels: LabelMap, window: Window) -> Result<LabelM
     voxels.push(&labels.voxels)?;
     let notes = labels.notes.into_iter().chain(window.note()).collect();
     Ok(LabelMap { grid, voxels: voxels.finish(), notes, ..labels })
+}
+
+/// The structures of all layers in their colors; where several overlap, that of the first layer.
+fn colors_of_labels(path: &Path, entry: &Entry, layers: Vec<LabelMap>) -> Result<Volume> {
+    let fault = |what| Error::file(path, what, "open it as a volume of numbers");
+    let num_layers = layers.len();
+    let mut volumes = layers.iter().map(Volume::from_labels);
+    let first = volumes.next().unwrap_or_else(|| Err("it has no structures".to_owned())).map_err(fault)?;
+    let Volume { colors: Some(mut colors), grid, .. } = first else { return Ok(first) };
+    for layer in volumes {
+        let layer = layer.map_err(fault)?;
+        for (color, below) in colors.iter_mut().zip(layer.colors.unwrap_or_default()) {
+            if color[3] == 0 {
+                *color = below;
+            }
+        }
+    }
+    let mut volume = Volume::from_colors(grid, colors, &entry.format).map_err(fault)?;
+    volume.num_frames = entry.num_frames;
+    volume.description.clone_from(&entry.title);
+    volume.warnings = layers.into_iter().flat_map(|layer| layer.notes).collect();
+    if num_layers > 1 {
+        volume.warnings.push(format!("Structures overlap; of {num_layers} layers the first is seen where they do."));
+    }
+    Ok(volume)
 }
 
 /// The grid, with the fault as a sentence about the file.

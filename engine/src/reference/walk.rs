@@ -8,7 +8,7 @@ use super::color::{Jacobian, luminance};
 use super::opacity::opacity_correct;
 use super::piece::classify_piece;
 use super::ray::{Ray, samples};
-use super::sample::{Lattice, gradient_at, sample_volume};
+use super::sample::{Lattice, gradient_at, sample_volume, trilinear};
 use super::style::{
     Classification, RayFrame, at_node, classify, face_normal, ray_frame, shade, steepness, style_level, style_normal,
     surface_normal,
@@ -76,6 +76,9 @@ impl Slope {
     }
 }
 
+/// What a voxel's color counts for where the transfer function gives it no opacity.
+const UNSEEN: f64 = 1e-3;
+
 /// What a ray brought home.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct March {
@@ -140,6 +143,16 @@ impl<'a> Line<'a> {
         }
     }
 
+    /// The straight linear color at `p`: of the voxels around it, each as far as the transfer function shows it. Alpha at `p`
+    /// is above 0.
+    fn seen_color(&self, colors: &Colors, p: DVec3) -> DVec3 {
+        let shown = trilinear(colors.voxels.dims, p, |x, y, z| {
+            let opacity = classify(self.object.transfer_function, self.object.data.at(x, y, z)).opacity;
+            colors.voxels.at(x, y, z) * (opacity + UNSEEN)
+        });
+        shown.truncate() / shown.w
+    }
+
     /// Color and opacity of a stretch of `lengths` reference lengths that is seen at `t`, composited under `result`.
     fn see(&self, result: &mut March, t: f64, class: &Classification, gradient: DVec3, lengths: f64) {
         if class.opacity <= 0.0 {
@@ -156,11 +169,11 @@ impl<'a> Line<'a> {
         let ([red, green, blue], coverage) = match &self.object.colors {
             None => (style, 1.0),
             Some(colors) => {
-                let voxel = sample_volume(&colors.voxels, p);
-                if voxel.w <= 0.0 {
+                let coverage = sample_volume(&colors.voxels, p).w;
+                if coverage <= 0.0 {
                     return;
                 }
-                ((voxel.truncate() / voxel.w * luminance(style)).to_array(), voxel.w)
+                ((self.seen_color(colors, p) * luminance(style)).to_array(), coverage)
             }
         };
         let alpha = opacity_correct(alpha_d * class.opacity * has_data * coverage, lengths);

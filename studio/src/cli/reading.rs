@@ -39,6 +39,7 @@ impl Arguments {
             series: self.series.clone(),
             window: Window { crop: self.crop, reduce: self.reduce.unwrap_or([1; 3]) },
             limits: Limits { bytes: self.memory, edge: None },
+            ..ReadOptions::default()
         }
     }
 }

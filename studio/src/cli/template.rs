@@ -7,7 +7,7 @@ use fabrica_engine::{Error, Progress};
 
 use super::progress_bar::Bar;
 use super::{UsageError, reading, setup};
-use crate::figure::first_look::{self, first_look};
+use crate::figure::first_look;
 use crate::figure::source::VolumeSource;
 use crate::figure::template::VolumeSlot;
 
@@ -32,16 +32,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let progress = Progress::new();
     let _bar = Bar::watch(&progress);
 
-    let volume = source.load(&options, &progress)?;
+    let slot = VolumeSlot::new(first_look::SLOT, String::new()).reading(arguments.volume.clone(), &options);
+    let (mut figure, volume) = first_look::open(slot, options.limits, &progress)?;
     for warning in &volume.warnings {
         say!("warning: {warning}");
     }
-    let file = match &source {
-        VolumeSource::Path(path) => name_in_template(path, out)?,
-        VolumeSource::Specimen(_) => arguments.volume.clone(),
-    };
-    let slot = VolumeSlot::new(first_look::SLOT, String::new()).reading(file, &options);
-    setup::save_text(out, &first_look(&volume, slot, &progress)?.to_json()?).context("the template was not written")
+    if let VolumeSource::Path(path) = &source {
+        figure.volumes[0].file = name_in_template(path, out)?;
+    }
+    setup::save_text(out, &figure.to_json()?).context("the template was not written")
 }
 
 /// What a template at `out` calls a file: relative where the file lies beside or below it, so that both can move.

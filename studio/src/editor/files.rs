@@ -6,13 +6,13 @@ use std::sync::mpsc::{Receiver, channel};
 
 use anyhow::{Context as _, Result, bail};
 use fabrica_engine::image_out::save_atomic;
+use fabrica_engine::read;
 use fabrica_engine::read::limits::Limits;
-use fabrica_engine::read::{self, ReadOptions};
 use fabrica_engine::volume::Volume;
 use fabrica_engine::{Error, Progress};
 
 use super::volume_choice::VolumeChoice;
-use crate::figure::first_look::{self, first_look};
+use crate::figure::first_look;
 use crate::figure::source::VolumeSource;
 use crate::figure::template::VolumeSlot;
 use crate::figure::{Template, bridge};
@@ -180,15 +180,13 @@ pub fn load_slot(slot: &VolumeSlot, folder: &Path, limits: Limits, progress: &Pr
 /// # Errors
 /// One sentence from the reader.
 pub fn undressed(slot: VolumeSlot, limits: Limits, progress: &Progress) -> Result<Opened> {
-    let options = ReadOptions { limits, ..slot.options()? };
-    let volume = match VolumeSource::parse(&slot.file, Path::new(""))?.load(&options, progress) {
-        Ok(volume) => volume,
+    let (figure, volume) = match first_look::open(slot.clone(), limits, progress) {
+        Ok(opened) => opened,
         Err(error) => {
             let asked = VolumeChoice::after(&error, &slot, None, limits).ok_or(error)?;
             return Ok(Opened::Asked(Box::new(asked)));
         }
     };
-    let figure = first_look(&volume, slot, progress)?;
     counted(&volume, progress)?;
     let notes = volume.warnings.clone();
     Ok(Opened::Figure(Box::new(Loaded { figure, path: None, volumes: vec![volume], notes, asked: None })))

@@ -103,6 +103,7 @@ impl VolumeChoice {
             raw,
             series: self.entry().filter(|_| several).map(|e| e.key.clone()),
             window: self.window(),
+            labels_as_colors: self.slot.labels,
             limits: Limits::default(),
         })
     }

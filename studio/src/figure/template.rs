@@ -59,6 +59,9 @@ pub struct VolumeSlot {
     /// Which volume of a folder or file with several: as `fabrica inspect` lists it, or a part of its name that only one has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub series: Option<String>,
+    /// Its numbers are names of structures, which are drawn in their colors.
+    #[serde(default, skip_serializing_if = "is_no")]
+    pub labels: bool,
     /// The part that is read: first and, exclusive, last voxel along x, y, z of the file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crop: Option<[[usize; 2]; 3]>,
@@ -79,6 +82,7 @@ impl VolumeSlot {
             frame: 0,
             raw: None,
             series: None,
+            labels: false,
             crop: None,
             reduce: None,
             extra: Map::new(),
@@ -94,6 +98,7 @@ impl VolumeSlot {
             frame: options.frame,
             raw: options.raw.as_ref().map(ToString::to_string),
             series: options.series.clone(),
+            labels: options.labels_as_colors,
             crop: window.crop,
             reduce: (window.reduce != [1; 3]).then_some(window.reduce),
             extra: self.extra.clone(),
@@ -110,6 +115,7 @@ impl VolumeSlot {
             frame: self.frame,
             raw: raw.map_err(|e| anyhow::anyhow!("the raw layout of the volume \"{}\": {e}", self.name))?,
             series: self.series.clone(),
+            labels_as_colors: self.labels,
             window: Window { crop: self.crop, reduce: self.reduce.unwrap_or([1; 3]) },
             ..ReadOptions::default()
         })
@@ -117,7 +123,7 @@ impl VolumeSlot {
 
     /// Whether the same voxels are read, whatever the slot is called.
     pub fn reads_same(&self, other: &Self) -> bool {
-        let read = |s: &Self| (s.file.clone(), s.frame, s.raw.clone(), s.series.clone(), s.crop, s.reduce);
+        let read = |s: &Self| Self { name: String::new(), extra: Map::new(), ..s.clone() };
         read(self) == read(other)
     }
 }
@@ -278,6 +284,11 @@ fn yes() -> bool {
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
 fn is_yes(visible: &bool) -> bool {
     *visible
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+fn is_no(yes: &bool) -> bool {
+    !yes
 }
 
 fn is_zero(n: &usize) -> bool {

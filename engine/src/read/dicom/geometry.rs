@@ -207,7 +207,10 @@ pub fn planes(places: &[f64], warnings: &mut Vec<String>) -> Result<(Vec<Plane>,
     let n = places.len();
     let length = places[n - 1] - places[0];
     let mean = length / (n - 1) as f64;
-    let deviation = places.iter().enumerate().map(|(i, p)| (p - places[0] - mean * i as f64).abs()).fold(0.0, f64::max);
+    // Rounding puts slices off to both sides: of an even stack between them, each is off by half of that.
+    let off = places.iter().enumerate().map(|(i, p)| p - places[0] - mean * i as f64);
+    let (least_off, most_off) = off.fold((0.0, 0.0), |(a, b): (f64, f64), off| (a.min(off), b.max(off)));
+    let deviation = (most_off - least_off) / 2.0;
     let all = || (0..n).map(Plane::At).collect();
     if deviation <= (ROUNDING.0 * mean).max(ROUNDING.1) {
         return Ok((all(), mean));

@@ -181,6 +181,12 @@ impl Opened {
         if let Some(i) = stacks.iter().position(|s| s.entry.key == wanted) {
             return Ok(i);
         }
+        // Before descriptions: whoever reads the numbered list and takes a number does not mean a digit of a description.
+        if let Ok(number @ 1..) = wanted.parse::<usize>()
+            && number <= stacks.len()
+        {
+            return Ok(number - 1);
+        }
         let part = wanted.to_lowercase();
         let with_part: Vec<usize> = (0..stacks.len())
             .filter(|&i| !part.is_empty() && stacks[i].entry.title.to_lowercase().contains(&part))
@@ -195,11 +201,6 @@ impl Opened {
                     "choose one by its number",
                 ));
             }
-        }
-        if let Ok(number @ 1..) = wanted.parse::<usize>()
-            && number <= stacks.len()
-        {
-            return Ok(number - 1);
         }
         // It may be one that makes no volume.
         let faults = &self.found.faults;

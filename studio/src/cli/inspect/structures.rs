@@ -15,6 +15,7 @@ use crate::figure::source::VolumeSource;
 
 /// Where label maps and their names come from.
 #[derive(clap::Args, Debug)]
+#[group(skip)]
 pub struct Arguments {
     /// A label map of the volume: a file or a folder with a mask per structure. Without a value, the volume is one itself.
     #[arg(long, value_name = "FILE_OR_DIR", num_args = 0..=1, default_missing_value = "")]

@@ -4,10 +4,13 @@ mod kind;
 #[cfg(test)]
 mod phantoms;
 
+use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Result;
 use fabrica_engine::Progress;
+use fabrica_engine::read::ReadOptions;
+use fabrica_engine::read::limits::Limits;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::statistics::Statistics;
@@ -16,6 +19,7 @@ use glam::DVec3;
 use self::kind::Kind;
 use super::bridge;
 use super::framing::{self, Frame, View};
+use super::source::VolumeSource;
 use super::template::{
     Background, CameraTemplate, Domain, NodeTemplate, ObjectTemplate, Page, ProjectionName, QualityName, Reference,
     Template, TransferFunctionTemplate, VERSION, VolumeSlot,
@@ -38,6 +42,25 @@ fn name(file: &str) -> String {
     let file = file.strip_prefix("specimen:").map_or(file, |s| s.split(['@', ',']).next().unwrap_or(s));
     let last = file.rsplit(['/', '\\']).find(|part| !part.is_empty()).unwrap_or(file);
     last.split('.').find(|part| !part.is_empty()).unwrap_or(last).to_owned()
+}
+
+/// Reads what a slot names (relative to the current folder), if it is within `limits`, and gives it a first look. Label maps are
+/// read as the colors of their structures.
+///
+/// # Errors
+/// One sentence from the reader.
+pub fn open(mut slot: VolumeSlot, limits: Limits, progress: &Progress) -> Result<(Template, Arc<Volume>)> {
+    let source = VolumeSource::parse(&slot.file, Path::new(""))?;
+    let options = ReadOptions { limits, ..slot.options()? };
+    let mut volume = source.load(&options, progress)?;
+    if let VolumeSource::Path(_) = source
+        && Kind::of(&volume, volume.statistics(progress)?) == Kind::Labels
+        // Numbers that turn out to be no structures are drawn as numbers.
+        && let Ok(colors) = source.load(&ReadOptions { labels_as_colors: true, ..options }, progress)
+    {
+        (volume, slot.labels) = (colors, true);
+    }
+    Ok((first_look(&volume, slot, progress)?, volume))
 }
 
 /// A template for `volume`, which `slot` names: a look by the kind of data, seen so that it fills the page.
@@ -120,7 +143,12 @@ impl Look {
                 Self::tones(statistics)
             }
             // A white cast leaves colors as they are.
-            Kind::CutOut => Self { domain: Domain::Data, nodes: vec![(0.0, "plaster", 1.0)], gradient_scale_mm: None },
+            Kind::CutOut => Self {
+                domain: Domain::Data,
+                nodes: vec![(0.0, "plaster", 1.0)],
+                // Most come from numbers of structures: what shades them is smoothed more than an image is.
+                gradient_scale_mm: Some(2.0 * volume.grid.spacing_mm().min_element()),
+            },
             Kind::Colors => {
                 // Otsu's threshold lies among the colors: of these, the dark ones are far above what is black.
                 let (dark, seen) = (0.05 * statistics.background, 0.2 * statistics.background);

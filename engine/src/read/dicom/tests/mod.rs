@@ -1,0 +1,6 @@
+mod build;
+mod faults;
+mod pixels;
+mod places;
+mod segments;
+mod series;
