@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use fabrica_engine::progress::Progress;
-use fabrica_engine::read::{ReadOptions, read_volume};
+use fabrica_engine::read::{ReadOptions, read_volume, survey};
 use fabrica_engine::volume::statistics::Statistics;
 use fabrica_engine::volume::{Rescale, Volume};
 use glam::DVec3;
@@ -40,6 +40,7 @@ const EXPECTED: &[Expected] = &[
     row("ct_lung.mha", [115, 157, 129], 1, "LPS", "int16", (-1255.0, 1474.0)),
     row("ct_lung_mask.mha", [115, 157, 129], 1, "LPS", "uint8", (0.0, 1.0)),
     row("ct_lung_small.mha", [57, 78, 64], 1, "LPS", "int16", (-1130.0, 1379.0)),
+    row("complex64.nii.gz", [64, 64, 44], 1, "RAS", "float32", (0.0, 2.71314e7)),
     row("edge_5d_small.nii", [1, 2, 3], 3, "PSR", "uint8", (0.076919, 0.780245)),
     row("edge_analyze.hdr", [62, 41, 34], 1, "RAS", "uint8", (0.0, 255.0)),
     row("edge_analyze.img", [62, 41, 34], 1, "RAS", "uint8", (0.0, 255.0)),
@@ -184,6 +185,48 @@ fn assert_twins(a: &str, b: &str) {
 }
 
 #[test]
+fn volumes_of_colors_keep_their_colors() {
+    for (file, dims, letters, type_name, alphas) in [
+        ("rgb24_ct_perfusion.nii.gz", [256, 286, 15], "LAS", "rgb", (255, 255)),
+        ("rgba32_thalamus_paqd.nii.gz", [59, 43, 31], "RAS", "rgba", (0, 255)),
+    ] {
+        let Some(path) = fabrica_tests::data(file) else { continue };
+        let entry = survey(&path, &ReadOptions::default(), &Progress::new()).unwrap().remove(0);
+        assert_eq!((entry.type_name, entry.num_frames), (type_name, 1));
+        let volume = read(&path);
+        assert_eq!((volume.grid.dims(), volume.grid.orientation_letters().as_str()), (dims, letters));
+        let colors = volume.colors.as_ref().unwrap();
+        assert_eq!(colors.len(), volume.grid.num_voxels());
+        let (min, max) = colors.iter().fold((255, 0), |(min, max), c| (min.min(c[3]), max.max(c[3])));
+        assert_eq!(min, alphas.0, "{file}");
+        assert!(max > 0 && max <= alphas.1, "{file}: {max}");
+        assert!(colors.iter().any(|c| c[0] != c[1] || c[1] != c[2]), "{file} is gray");
+    }
+}
+
+#[test]
+fn metaimages_of_one_scan_agree() {
+    // The small one is the half of the large one: what is bone in one is at the same place in the other.
+    let (Some(large), Some(small)) = (fabrica_tests::data("ct_lung.mha"), fabrica_tests::data("ct_lung_small.mha"))
+    else {
+        return;
+    };
+    let (large, small) = (read(&large), read(&small));
+    let spacing = large.grid.spacing_mm();
+    assert!(spacing.distance(DVec3::new(1.366, 1.366, 2.5)) < 1e-9, "{spacing}");
+    let [nx, ny, nz] = small.grid.dims();
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (x, y, z) in (2..nz - 2).flat_map(|z| (2..ny - 2).flat_map(move |y| (2..nx - 2).map(move |x| (x, y, z)))) {
+        let world = small.grid.world_from_index().transform_point3(DVec3::new(x as f64, y as f64, z as f64));
+        let index = large.grid.index_from_world().transform_point3(world).round();
+        let [i, j, k] = index.to_array().map(|c| c as usize);
+        sum += (small.value(x, y, z) - large.value(i, j, k)).abs();
+        count += 1.0;
+    }
+    assert!(sum / count < 120.0, "they differ by {} HU", sum / count);
+}
+
+#[test]
 fn nrrd_and_nifti_of_one_volume_agree() {
     assert_twins("avf_float.nrrd", "avf_float.nii.gz");
     assert_twins("stroke_FLAIR.nrrd", "stroke_FLAIR.nii.gz");
@@ -279,9 +322,8 @@ fn raw_files_need_a_layout() {
 fn what_is_no_scalar_volume_is_refused_with_a_sentence() {
     for (file, expected) in [
         ("edge_not_nifti.nii", "this is no NIfTI file"),
-        ("complex64.nii.gz", "the voxels are complex64 numbers"),
-        ("rgb24_ct_perfusion.nii.gz", "the voxels are RGB24 colors"),
-        ("rgba32_thalamus_paqd.nii.gz", "the voxels are RGBA32 colors"),
+        ("2D_2x2_square_object_at_(1,3).raw", "a raw file does not say how its voxels lie"),
+        ("matcaps/matcap-gold.png", "no volume in a format that Fabrica reads"),
         ("edge_analyze_missing_img.hdr", "edge_analyze_missing_img.img, is missing"),
         ("README.md", "no volume in a format that Fabrica reads"),
     ] {

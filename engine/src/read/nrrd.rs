@@ -10,10 +10,12 @@ use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat3, DVec3};
 
+use super::parts::{self, Part, Parts};
 use super::stream::{self, ByteSource, ElementType, Endian, HexBytes, Pick, PickedBytes, VoxelRequest};
 use super::window::{Averaging, OnGrid};
 use super::{
-    Entry, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of, numbers_as_labels, volume_of, window_labels,
+    Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, numbers_as_labels, volume_of,
+    window_labels,
 };
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -47,6 +49,9 @@ impl VolumeReader for NrrdReader {
         let opened = Opened::open(path)?;
         check_frame(path, options.frame, opened.entry.num_frames)?;
         let window = options.window.on(path, opened.entry.grid.dims())?;
+        if let Some(num_channels) = opened.num_channels {
+            return opened.read_colors(path, num_channels, window, progress);
+        }
         let averaging = if opened.entry.is_labels { Averaging::Nearest } else { Averaging::Mean };
         let (entry, voxels, warnings) = opened.read_frame(options.frame, window, averaging, progress)?;
         volume_of(path, &entry, window, voxels, Rescale::IDENTITY, warnings)
@@ -72,8 +77,10 @@ struct Opened {
     data_path: PathBuf,
     /// Bytes to pass over behind the decompressor.
     skipped: u64,
-    /// The data file from where the voxels begin.
-    source: ByteSource,
+    /// The data files from where the voxels begin.
+    source: Parts,
+    /// Bytes of a color, which come before any other axis.
+    num_channels: Option<usize>,
     warnings: Vec<String>,
     /// The header's keys that describe segments.
     keys: Vec<(String, String)>,
@@ -90,10 +97,21 @@ impl Opened {
         let endian = header.endian(path, element, encoding, &mut warnings)?;
 
         let size = stream::size_bytes(&axes.sizes, element).ok_or_else(|| absurd_size(path, &axes.sizes))?;
-        let (data_path, data_start) = header.data_place(path, size, encoding)?;
-        let source = ByteSource::open_at(&data_path, data_start, encoding == Encoding::Gzip)?;
         let skipped = if encoding == Encoding::Gzip { header.byte_skip(path)?.unwrap_or(0) } else { 0 };
-        source.check_holds(encoding.min_stored_bytes(size, element).saturating_add(skipped))?;
+        let (source, data_path, num_data_files) = if let Some(names) = header.file_names(path, &axes.sizes)? {
+            let (data_path, count) = (parts::data_file(path, &names[0])?, names.len());
+            (header.open_files(path, &names, size, encoding)?, data_path, count)
+        } else {
+            let (data_path, data_start) = header.data_place(path, size, encoding)?;
+            let source = ByteSource::open_at(&data_path, data_start, encoding == Encoding::Gzip)?;
+            source.check_holds(encoding.min_stored_bytes(size, element).saturating_add(skipped))?;
+            // Text has any length.
+            (Parts::of_source(source, u64::MAX, &Progress::new()), data_path, 1)
+        };
+        let num_channels = header.num_channels(&axes, element, encoding);
+        if num_channels.is_none() && header.is_color(&axes) {
+            warnings.push("The voxels are colors; the frames are their channels.".to_owned());
+        }
         let is_detached = data_path != path;
         let entry = Entry {
             key: String::new(),
@@ -101,14 +119,30 @@ impl Opened {
             format: if is_detached { "NRRD, detached header" } else { "NRRD" }.to_owned(),
             modality: Modality::Unknown,
             grid: grid_of(path, axes.dims, world_from_index)?,
-            type_name: element.name(),
-            bytes_per_voxel: element.num_bytes(),
-            num_frames: usize::try_from(axes.num_frames).unwrap_or(usize::MAX),
-            num_files: 1 + usize::from(is_detached),
+            type_name: match num_channels {
+                Some(3) => "rgb",
+                Some(_) => "rgba",
+                None => element.name(),
+            },
+            bytes_per_voxel: if num_channels.is_some() { 6 } else { element.num_bytes() },
+            num_frames: match num_channels {
+                Some(_) => 1,
+                None => usize::try_from(axes.num_frames).unwrap_or(usize::MAX),
+            },
+            num_files: num_data_files + usize::from(is_detached),
             is_labels: !header.keys.is_empty(),
         };
         let keys = header.keys;
-        Ok(Self { entry, axes, element, encoding, endian, data_path, skipped, source, warnings, keys })
+        Ok(Self { entry, axes, element, encoding, endian, data_path, skipped, source, num_channels, warnings, keys })
+    }
+
+    fn read_colors(self, path: &Path, num_channels: usize, window: OnGrid, progress: &Progress) -> Result<Volume> {
+        let mut source = self.source.watched_by(progress);
+        progress.begin("reading", (self.entry.grid.num_voxels() * num_channels) as u64);
+        source.skip(self.skipped)?;
+        let colors = stream::read_colors(&mut source, num_channels, window, &self.data_path, progress)?;
+        source.finish()?;
+        color_volume_of(path, &self.entry, window, colors, self.warnings)
     }
 
     fn read_frame(
@@ -118,7 +152,8 @@ impl Opened {
         averaging: Averaging,
         progress: &Progress,
     ) -> Result<(Entry, Voxels, Vec<String>)> {
-        let Self { entry, axes, element, encoding, endian, data_path, skipped, mut source, warnings, .. } = self;
+        let Self { entry, axes, element, encoding, endian, data_path, skipped, source, warnings, .. } = self;
+        let mut source = source.watched_by(progress);
         let pick = axes.pick(frame as u64, entry.grid.num_voxels());
         let element_bytes = element.num_bytes() as u64;
         let is_size_checked = encoding != Encoding::Gzip;
@@ -128,7 +163,7 @@ impl Opened {
         let is_contiguous = pick.run == pick.count as u64;
         let voxels = match encoding {
             Encoding::Raw | Encoding::Gzip => {
-                source.skip(skipped + pick.first * element_bytes, progress)?;
+                source.skip(skipped + pick.first * element_bytes)?;
                 if is_contiguous {
                     stream::read_voxels(&mut source, request, &data_path, progress)?
                 } else {
@@ -146,7 +181,7 @@ impl Opened {
                 stream::read_voxels(&mut picked, request, &data_path, progress)?
             }
         };
-        source.finish(progress)?;
+        source.finish()?;
         Ok((entry, voxels, warnings))
     }
 }
@@ -180,6 +215,8 @@ struct Header {
     fields: Vec<(String, String)>,
     /// Those of the user's own keys that describe segments, as they are written.
     keys: Vec<(String, String)>,
+    /// The lines behind `data file: LIST`.
+    files: Vec<String>,
     /// Where attached voxels begin.
     num_bytes: u64,
 }
@@ -240,8 +277,9 @@ impl Header {
         // A detached header may do without the empty line.
         let (text_end, num_bytes) = end.unwrap_or((bytes.len(), bytes.len()));
         let text = String::from_utf8_lossy(&bytes[..text_end]);
-        let (mut fields, mut keys) = (Vec::new(), Vec::new());
-        for line in text.lines().skip(1).map(str::trim) {
+        let (mut fields, mut keys, mut files) = (Vec::new(), Vec::new(), Vec::new());
+        let mut lines = text.lines().skip(1).map(str::trim);
+        while let Some(line) = lines.next() {
             if line.is_empty() || line.starts_with('#') {
                 continue;
             }
@@ -266,10 +304,11 @@ impl Header {
             let is_list = name == "datafile" && is_list_of_files(&value);
             fields.push((name, value));
             if is_list {
+                files = lines.map(str::to_owned).filter(|l| !l.is_empty()).collect();
                 break;
             }
         }
-        Ok(Self { fields, keys, num_bytes: num_bytes as u64 })
+        Ok(Self { fields, keys, files, num_bytes: num_bytes as u64 })
     }
 
     fn get(&self, name: &str) -> Option<&str> {
@@ -386,12 +425,7 @@ impl Header {
         };
         match (num_axes, &others[..]) {
             (3, []) => Ok(None),
-            (4, &[axis]) => {
-                if by_kind == [axis] && kinds[axis].contains("color") {
-                    warnings.push("The voxels are colors; the frames are their channels.".to_owned());
-                }
-                Ok(Some(axis))
-            }
+            (4, &[axis]) => Ok(Some(axis)),
             (4, []) if directions.is_none() => {
                 warnings.push("The header does not say which axis counts frames; the last one is taken.".to_owned());
                 Ok(Some(3))
@@ -541,28 +575,83 @@ impl Header {
         }
     }
 
+    /// Whether the axis that is not spatial is a color.
+    fn is_color(&self, axes: &Axes) -> bool {
+        let kinds: Vec<_> = self.get("kinds").unwrap_or_default().split_whitespace().map(str::to_lowercase).collect();
+        axes.frame_axis.is_some_and(|axis| kinds.get(axis).is_some_and(|kind| kind.contains("color")))
+    }
+
+    /// How many bytes side by side are a color, if the voxels are such.
+    fn num_channels(&self, axes: &Axes, element: ElementType, encoding: Encoding) -> Option<usize> {
+        let kind = self.get("kinds")?.split_whitespace().next()?.to_lowercase();
+        let num_channels = match kind.as_str() {
+            "rgb-color" | "3-color" => 3,
+            "rgba-color" | "4-color" => 4,
+            _ => return None,
+        };
+        let is_first = axes.frame_axis == Some(0) && axes.num_frames == num_channels;
+        // Numbers of segments are no colors, whatever their axis is called.
+        let is_plain = self.keys.is_empty() && element == ElementType::U8 && !encoding.is_text();
+        (is_first && is_plain).then_some(num_channels as usize)
+    }
+
+    /// The names of the data files, if there are several: in the order of the voxels, each with as many of them.
+    fn file_names(&self, path: &Path, sizes: &[u64]) -> Result<Option<Vec<String>>> {
+        let Some(text) = self.get("datafile").filter(|t| is_list_of_files(t)) else { return Ok(None) };
+        let words: Vec<_> = text.split_whitespace().collect();
+        let is_list = words[0] == "LIST";
+        // How many axes a file has; without a word all but the last.
+        let inner = words.get(if is_list { 1 } else { 4 }).map_or(Some(sizes.len() - 1), |w| w.parse().ok());
+        let inner = inner.filter(|n| (1..=sizes.len()).contains(n));
+        let inner = inner.ok_or_else(|| fault(path, format!("the data file `{text}` has a wrong number of axes")))?;
+        let count: u64 = sizes[inner..].iter().product();
+        if is_list {
+            let given = self.files.len() as u64;
+            if given != count {
+                return Err(Error::file(
+                    path,
+                    format!("the header lists {given} files, where the sizes take {count}"),
+                    "correct the list or the sizes",
+                ));
+            }
+            return Ok(Some(self.files.clone()));
+        }
+        let numbers: Option<Vec<i64>> = words[1..4].iter().map(|w| w.parse().ok()).collect();
+        let Some([first, last, step]) = numbers.as_deref() else {
+            return Err(fault(path, format!("`{text}` is no pattern with its first number, last number and step")));
+        };
+        let names = parts::files_of_pattern(words[0], [*first, *last, *step], count);
+        Ok(Some(names.map_err(|what| fault(path, what))?))
+    }
+
+    /// Several data files as one.
+    fn open_files(&self, path: &Path, names: &[String], size: u64, encoding: Encoding) -> Result<Parts> {
+        let byte_skip = self.byte_skip(path)?;
+        let is_deflated = encoding == Encoding::Gzip;
+        if encoding.is_text() || is_deflated && byte_skip != Some(0) {
+            let what = "its voxels are in several files, as text or behind other compressed bytes";
+            return Err(Error::file(path, what, "join them into one file (unu save -f nrrd)"));
+        }
+        let bytes_each = size / names.len() as u64;
+        let part = |name: &String| {
+            let data = parts::data_file(path, name)?;
+            let start = match byte_skip {
+                Some(skip) => stream::skip_lines(&data, 0, self.line_skip(path)?)?.saturating_add(skip),
+                None => {
+                    let length = std::fs::metadata(&data).map_err(|e| Error::io(&data, &e))?.len();
+                    length.saturating_sub(bytes_each)
+                }
+            };
+            Ok(Part { path: data, start, is_deflated })
+        };
+        Parts::open(names.iter().map(part).collect::<Result<_>>()?, bytes_each, &Progress::new())
+    }
+
     /// The file with the voxels and the byte at which they, or the compressed data, begin.
     fn data_place(&self, path: &Path, size: u64, encoding: Encoding) -> Result<(PathBuf, u64)> {
         let (data_path, mut start) = match self.get("datafile") {
             None => (path.to_owned(), self.num_bytes),
-            Some(name) if is_list_of_files(name) => {
-                return Err(Error::file(
-                    path,
-                    "its voxels are spread over several files, which Fabrica does not read",
-                    "join them into one file (unu save -f nrrd)",
-                ));
-            }
-            Some(name) => {
-                let data_path = path.parent().unwrap_or(Path::new("")).join(name);
-                if !data_path.is_file() {
-                    return Err(Error::file(
-                        path,
-                        format!("the file with its voxels, {name}, is missing"),
-                        "put it beside the header",
-                    ));
-                }
-                (data_path, 0)
-            }
+            Some(name) => (parts::data_file(path, name)?, 0),
         };
         let length = std::fs::metadata(&data_path).map_err(|e| Error::io(&data_path, &e))?.len();
         let byte_skip = self.byte_skip(path)?;
@@ -662,6 +751,59 @@ mod tests {
 
     fn phantom_bytes() -> Vec<u8> {
         encode(&Phantom::oriented("RAS").values, ElementType::U8, Endian::Little)
+    }
+
+    #[test]
+    fn voxels_in_several_files() {
+        let folder = Folder::new();
+        for (i, slice) in phantom_bytes().chunks(20).enumerate() {
+            folder.write(&format!("s{}.raw", i + 1), &[b"head\n", slice].concat());
+            folder.write(&format!("s{}.gz", i + 1), &gzip(slice));
+            for (j, row) in slice.chunks(5).enumerate() {
+                folder.write(&format!("r{:02}", 2 * (4 * i + j)), row);
+            }
+        }
+        for (encoding, fields) in [
+            ("raw", "line skip: 1\ndata file: LIST\ns1.raw\ns2.raw\ns3.raw\n"),
+            ("raw", "byte skip: 5\ndata file: s%d.raw 1 3 1\n"),
+            ("raw", "byte skip: -1\ndata file: s%d.raw 1 3 1 2\n"),
+            ("raw", "data file: r%02d 0 22 2 1\n"),
+            ("gzip", "data file: LIST 2\ns1.gz\ns2.gz\ns3.gz\n"),
+        ] {
+            let path = folder.write("a.nhdr", &phantom_file(encoding, fields, b""));
+            Phantom::assert_in_world(&read(&path).unwrap());
+            let num_files = Opened::open(&path).unwrap().entry.num_files;
+            assert_eq!(num_files, if fields.contains("r%02d") { 13 } else { 4 });
+        }
+    }
+
+    #[test]
+    fn colors_in_front_are_colors() {
+        let folder = Folder::new();
+        for (kind, n) in [("RGB-color", 3), ("RGBA-color", 4), ("3-color", 3), ("4-color", 4)] {
+            let bytes: Vec<u8> = (0..8 * n).collect();
+            for (encoding, data) in [("raw", bytes.clone()), ("gzip", gzip(&bytes))] {
+                let header = format!(
+                    "type: uint8\ndimension: 4\nsizes: {n} 2 2 2\nkinds: {kind} domain domain domain\n\
+                     spacings: nan 1 1 1\nencoding: {encoding}\n"
+                );
+                let volume = folder.read("a.nrrd", &nrrd(&header, &data)).unwrap();
+                let color = |c: &[u8]| [c[0], c[1], c[2], c.get(3).copied().unwrap_or(255)];
+                assert_eq!(volume.colors.unwrap(), bytes.chunks(usize::from(n)).map(color).collect::<Vec<_>>());
+                assert_eq!(volume.num_frames, 1);
+            }
+        }
+        // Other colors, and colors plane by plane, stay frames and are said to be channels.
+        for (kinds, sizes) in
+            [("HSV-color domain domain domain", "3 2 2 2"), ("domain domain domain RGB-color", "2 2 2 3")]
+        {
+            let header = format!(
+                "type: uint8\ndimension: 4\nsizes: {sizes}\nkinds: {kinds}\nspacings: 1 1 1 1\nencoding: raw\n"
+            );
+            let volume = folder.read("a.nrrd", &nrrd(&header, &[0; 24])).unwrap();
+            assert!(volume.colors.is_none() && volume.num_frames == 3);
+            assert!(volume.warnings.join(" ").contains("the frames are their channels"));
+        }
     }
 
     #[test]
@@ -809,8 +951,10 @@ mod tests {
         }
         let refusal = |data_file: &str| folder.refusal("a.nhdr", &phantom_file("raw", data_file, b"a.raw\nb.raw\n"));
         assert!(refusal("data file: none.raw\n").contains("none.raw, is missing"));
-        assert!(refusal("data file: LIST\n").contains("spread over several files"));
-        assert!(refusal("datafile: a%03d.raw 1 3 1\n").contains("spread over several files"));
+        assert!(refusal("data file: LIST\n").contains("lists 0 files, where the sizes take 3"));
+        assert!(refusal("datafile: a%03d.raw 1 4 1\n").contains("names 4 files, where it takes 3"));
+        assert!(refusal("datafile: a%03d.raw 1 3 1\n").contains("a001.raw, is missing"));
+        assert!(refusal("datafile: a%03d.raw 1 3 1 9\n").contains("a wrong number of axes"));
         // Counted from the end, the voxels may not reach into the header.
         assert!(refusal("byte skip: -1\n").contains("promises 60 bytes of voxels, but the file has 12"));
         assert!(refusal("line skip: 9999\n").contains("the header skips 9999 lines"));

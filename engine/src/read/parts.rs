@@ -57,6 +57,12 @@ impl Parts {
         Self { parts: Vec::new(), bytes_each: num_bytes, progress: progress.clone(), next: 0, current }
     }
 
+    /// The same, heard through another handle.
+    pub fn watched_by(mut self, progress: &Progress) -> Self {
+        self.progress = progress.clone();
+        self
+    }
+
     /// Whether any part is compressed.
     pub fn is_compressed(&self) -> bool {
         self.parts.iter().any(|p| p.is_deflated) || self.current.as_ref().is_some_and(|(s, _)| s.is_compressed())

@@ -185,7 +185,8 @@ fn each_value(
     let element_bytes = opened.element.num_bytes();
     let num_values = num_voxels * num_layers;
     progress.begin("reading", (num_values * element_bytes) as u64);
-    opened.source.skip(opened.skipped, progress)?;
+    opened.source = opened.source.watched_by(progress);
+    opened.source.skip(opened.skipped)?;
     let (mut in_run, mut layer) = (0_u64, 0);
     let mut next = |value: f64| {
         take(layer, value)?;
@@ -217,7 +218,7 @@ fn each_value(
         done += count;
     }
     drop(reader);
-    opened.source.finish(progress)
+    opened.source.finish()
 }
 
 fn each_of(voxels: &Voxels, mut take: impl FnMut(f64) -> Result<()>) -> Result<()> {
