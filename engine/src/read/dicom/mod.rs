@@ -155,8 +155,10 @@ impl Opened {
         if let Some(wanted) = options.series.as_deref() {
             return Ok((self.named(path, wanted)?, notes));
         }
-        if let [_] = stacks[..] {
-            return Ok((0, notes));
+        let num_refused = self.found.faults.len();
+        if num_refused > 0 {
+            let series = if num_refused == 1 { "1 series was" } else { "Several series were" };
+            notes.push(format!("{series} left out, as no volume can be made of it: {}.", self.fault(path)));
         }
         let is_fit = |s: &Stack| if is_for_labels { s.segmentation.is_some() } else { s.is_volume() };
         let fit: Vec<usize> = (0..stacks.len()).filter(|&i| is_fit(&stacks[i])).collect();
@@ -164,11 +166,17 @@ impl Opened {
             let n = stacks.len() - 1;
             let others =
                 if n == 1 { "1 other series or picture".to_owned() } else { format!("{n} other series or pictures") };
-            notes.push(format!("{others} beside it were left out."));
+            if n > 0 {
+                notes.push(format!("{others} beside it were left out."));
+            }
             return Ok((only, notes));
         }
-        if stacks.is_empty() {
+        // A scout view does not stand for the series that it was made for.
+        if stacks.is_empty() || (fit.is_empty() && num_refused > 0) {
             return Err(self.fault(path));
+        }
+        if let [_] = stacks[..] {
+            return Ok((0, notes));
         }
         Err(Error::file(
             path,
@@ -230,7 +238,8 @@ impl Opened {
 
     /// Why there is nothing to read.
     fn fault(&self, path: &Path) -> Error {
-        let first = self.found.faults.iter().map(|(_, e)| e).chain(&self.damaged).next();
+        let faults = self.found.faults.iter().map(|(_, e)| e);
+        let first = faults.chain(&self.damaged).chain(&self.found.without_pixels).next();
         first.map_or_else(|| Error::file(path, "it has no DICOM picture", "name the folder of the slices"), copy_of)
     }
 }

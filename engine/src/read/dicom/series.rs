@@ -79,8 +79,10 @@ impl Group {
 pub struct Found {
     /// In the order of the list.
     pub stacks: Vec<Stack>,
-    /// Titles of series that make no volume, and why.
+    /// Titles of series that should make a volume and do not, and why.
     pub faults: Vec<(String, Error)>,
+    /// What the files without pixels are.
+    pub without_pixels: Vec<Error>,
 }
 
 /// Sorts files into stacks. `path` is what the user named, for errors.
@@ -91,6 +93,10 @@ pub fn find(path: &Path, files: &[DicomFile]) -> Found {
     for (index, file) in files.iter().enumerate() {
         let image = match Image::of(file) {
             Ok(image) => image,
+            Err(error) if file.pixels.is_none() => {
+                found.without_pixels.push(error);
+                continue;
+            }
             Err(error) => {
                 found.faults.push((String::new(), error));
                 continue;
