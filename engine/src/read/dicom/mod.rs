@@ -95,7 +95,8 @@ impl VolumeReader for DicomReader {
 struct Opened {
     files: Vec<DicomFile>,
     found: Found,
-    damaged: Vec<Error>,
+    /// Whether the path is that of one file.
+    is_file: bool,
 }
 
 impl Opened {
@@ -104,8 +105,9 @@ impl Opened {
             return Self::open_file(path, progress);
         }
         let folder::Gathered { files, damaged } = folder::open_all(folder::list(path, true, progress)?, progress)?;
-        let found = series::find(path, &files);
-        Ok(Self { files, found, damaged })
+        let mut found = series::find(path, &files);
+        found.damaged.extend(damaged);
+        Ok(Self { files, found, is_file: false })
     }
 
     /// A file that holds one slice stands for the series that it belongs to, as far as it lies in the same folder.
@@ -136,18 +138,16 @@ impl Opened {
             stack.segmentation == Some(0) || stack.slices.frames.iter().flatten().any(|slice| slice.file == 0)
         };
         found.stacks.retain(is_of_file);
-        if is_alone {
-            damaged.clear();
-        }
-        Ok(Self { files, found, damaged })
+        found.damaged.extend(damaged);
+        Ok(Self { files, found, is_file: true })
     }
 
     /// The stack that the caller means, and what to say about the choice.
     fn choose(&self, path: &Path, options: &ReadOptions, is_for_labels: bool) -> Result<(usize, Vec<String>)> {
         let stacks = &self.found.stacks;
         let mut notes = Vec::new();
-        if !self.damaged.is_empty() {
-            let n = self.damaged.len();
+        if !self.found.damaged.is_empty() {
+            let n = self.found.damaged.len();
             let files =
                 if n == 1 { "1 damaged DICOM file was".to_owned() } else { format!("{n} damaged DICOM files were") };
             notes.push(format!("{files} left out."));
@@ -172,7 +172,7 @@ impl Opened {
             return Ok((only, notes));
         }
         // A scout view does not stand for the series that it was made for.
-        if stacks.is_empty() || (fit.is_empty() && num_refused > 0) {
+        if stacks.is_empty() || (fit.is_empty() && num_refused > 0 && !self.is_file) {
             return Err(self.fault(path));
         }
         if let [_] = stacks[..] {
@@ -239,7 +239,7 @@ impl Opened {
     /// Why there is nothing to read.
     fn fault(&self, path: &Path) -> Error {
         let faults = self.found.faults.iter().map(|(_, e)| e);
-        let first = faults.chain(&self.damaged).chain(&self.found.without_pixels).next();
+        let first = faults.chain(&self.found.damaged).chain(&self.found.without_pixels).next();
         first.map_or_else(|| Error::file(path, "it has no DICOM picture", "name the folder of the slices"), copy_of)
     }
 }

@@ -81,6 +81,8 @@ pub struct Found {
     pub stacks: Vec<Stack>,
     /// Titles of series that should make a volume and do not, and why.
     pub faults: Vec<(String, Error)>,
+    /// Faults of files whose header or size is not what it should be.
+    pub damaged: Vec<Error>,
     /// What the files without pixels are.
     pub without_pixels: Vec<Error>,
 }
@@ -98,7 +100,7 @@ pub fn find(path: &Path, files: &[DicomFile]) -> Found {
                 continue;
             }
             Err(error) => {
-                found.faults.push((String::new(), error));
+                found.damaged.push(error);
                 continue;
             }
         };
@@ -130,7 +132,7 @@ pub fn find(path: &Path, files: &[DicomFile]) -> Found {
                     }
                 }
             }
-            Err(error) => found.faults.push((image.description.clone(), error)),
+            Err(error) => found.damaged.push(error),
         }
     }
     for group in groups {
