@@ -1,7 +1,7 @@
 //! DICOM: files, series in folders and trees of folders, multi-frame and enhanced objects, segmentations.
 //!
 //! - `file`, `elements`, `syntax`: a header, of which only what is known by name is kept
-//! - `image`: what it says about pixels, places and values
+//! - `image`, `slices`: what it says about pixels, places and values
 //! - `folder`, `series`: which files there are, and which belong together
 //! - `geometry`: slices in order, in an even stack
 //! - `frames`, `codec`, `voxels`, `assemble`: pixels
@@ -20,6 +20,7 @@ mod geometry;
 mod image;
 mod segmentation;
 mod series;
+mod slices;
 mod syntax;
 #[cfg(test)]
 mod tests;

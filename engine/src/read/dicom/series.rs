@@ -7,7 +7,8 @@ use glam::DVec3;
 
 use super::file::DicomFile;
 use super::geometry::{Arranged, Clause, arrange};
-use super::image::{Image, PixelFormat, Slice, is_segmentation, slices_of};
+use super::image::{Image, PixelFormat, is_segmentation};
+use super::slices::{Slice, slices_of};
 use super::voxels::Target;
 use crate::error::{Error, Result};
 use crate::read::{Entry, grid_of};

@@ -2,7 +2,8 @@
 
 use super::codec::Decoded;
 use super::file::PixelKind;
-use super::image::{Photometric, PixelFormat, Slice};
+use super::image::{Photometric, PixelFormat};
+use super::slices::Slice;
 use crate::read::window::Averaged;
 use crate::volume::{Modality, Rescale};
 
