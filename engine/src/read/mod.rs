@@ -90,7 +90,9 @@ impl Entry {
             let text = format!("{mm:.3}");
             text.trim_end_matches('0').trim_end_matches('.').to_owned()
         };
-        let named = [self.modality.abbreviation(), &self.title].join(" ");
+        let kind = self.modality.abbreviation();
+        // Many descriptions begin with it.
+        let named = if self.title.starts_with(kind) { self.title.clone() } else { [kind, &self.title].join(" ") };
         let frames = if self.num_frames > 1 { format!(", {} frames", self.num_frames) } else { String::new() };
         let size = format!("{x} x {y} x {z}, {} x {} x {} mm", short(spacing.x), short(spacing.y), short(spacing.z));
         let named = named.trim();

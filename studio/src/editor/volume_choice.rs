@@ -74,7 +74,7 @@ impl VolumeChoice {
             place,
             slot: slot.clone(),
             path: path.to_owned(),
-            chosen: entries.iter().position(named).unwrap_or(0),
+            chosen: entries.iter().position(named).unwrap_or_else(|| likely(&entries)),
             layout: slot.raw.clone(),
             frame: slot.frame,
             crop: [[0, 1]; 3],
@@ -214,7 +214,8 @@ impl VolumeChoice {
         let mut taken = false;
         ScrollArea::vertical().max_height(300.0).auto_shrink([false, true]).show(ui, |ui| {
             for (i, entry) in self.entries.iter().enumerate() {
-                let named = if entry.title.is_empty() { format!("Volume {}", i + 1) } else { entry.title.clone() };
+                let named =
+                    if entry.title.is_empty() { format!("Series {} (no name)", i + 1) } else { entry.title.clone() };
                 let response =
                     row(ui, i == self.chosen, &named, entry, previews.textures.get(i).and_then(Option::as_ref));
                 if response.clicked() {
@@ -297,7 +298,10 @@ fn row(ui: &mut Ui, is_chosen: bool, name: &str, entry: &Entry, preview: Option<
         ui.painter().image(texture.id(), shown, uv, Color32::WHITE);
     }
     let text = rect.with_min_x(frame.max.x + 10.0).shrink2(Vec2::new(0.0, 6.0));
-    ui.scope_builder(egui::UiBuilder::new().max_rect(text), |ui| {
+    // A child of its own leaves the place of the next row alone.
+    let mut child = ui.new_child(egui::UiBuilder::new().max_rect(text));
+    {
+        let ui = &mut child;
         ui.spacing_mut().item_spacing.y = 1.0;
         let [x, y, z] = entry.grid.dims();
         let mm = entry.grid.spacing_mm();
@@ -313,8 +317,14 @@ fn row(ui: &mut Ui, is_chosen: bool, name: &str, entry: &Entry, preview: Option<
         for line in [size, spacing] {
             ui.add(egui::Label::new(theme::small(ui.ctx(), line)).truncate().selectable(false));
         }
-    });
+    }
     response
+}
+
+/// The volume that is most likely meant: scans have more voxels than localizers and single pictures.
+fn likely(entries: &[Entry]) -> usize {
+    let size = |e: &Entry| (e.grid.dims().iter().all(|n| *n > 3), e.grid.num_voxels());
+    (0..entries.len()).max_by_key(|&i| (size(&entries[i]), std::cmp::Reverse(i))).unwrap_or(0)
 }
 
 /// Pictures of the middle slices, made on a thread.
