@@ -1,8 +1,8 @@
 // The direction in which a color changes most, times how fast it does: right singular vector × largest singular value of the
 // Jacobian, which is the gradient where all channels change alike.
 
-// The three channels of luminance and alpha, each over what it counts for in the distance of two colors.
-const BRIGHTNESS: vec4f = vec4f(0.36823400, 1.2387627, 0.12505407, 1.0);
+// Rec. 601 weights and alpha's, each over what a channel counts for in the distance of two colors.
+const BRIGHTNESS: vec4f = vec4f(0.51788319, 1.0167138, 0.19745379, 1.0);
 // Singular values whose squares differ by less than this share have no direction of their own.
 const SAME: f32 = 1e-4;
 

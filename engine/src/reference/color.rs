@@ -7,6 +7,8 @@ use crate::color::linear_from_srgb;
 
 /// Rec. 709 weights of linear light.
 const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
+/// Rec. 601 weights: what the sign of a gradient goes by.
+const BRIGHTNESS: [f64; 3] = [0.299, 0.587, 0.114];
 /// Squares of singular values that differ by less than this share of the larger count as the same.
 const SAME: f64 = 1e-4;
 
@@ -56,7 +58,7 @@ impl Jacobian {
         let (values, vectors) = eigen(square);
         let largest = values.into_iter().fold(0.0, f64::max);
         // Light and alpha: the sign, and the choice where several directions are as strong.
-        let brighter = (0..3).map(|c| LUMINANCE[c] / third * rows[c]).fold(rows[3], |a, b| a + b);
+        let brighter = (0..3).map(|c| BRIGHTNESS[c] / third * rows[c]).fold(rows[3], |a, b| a + b);
         let strongest = (0..3).filter(|&i| values[i] >= (1.0 - SAME) * largest);
         let directions: Vec<DVec3> = strongest.map(|i| vectors[i]).collect();
         let along = match directions[..] {
@@ -147,7 +149,7 @@ mod tests {
     fn of_two_changes_that_are_as_strong_light_decides() {
         let found = of_rows([DVec3::X, DVec3::ZERO, -DVec3::Y, DVec3::ZERO]).gradient();
         // Red grows along x and blue along -y; red is brighter.
-        let expected = DVec3::new(0.2126, -0.0722, 0.0).normalize() / 3.0f64.sqrt();
+        let expected = DVec3::new(0.299, -0.114, 0.0).normalize() / 3.0f64.sqrt();
         assert!((found - expected).length() < 1e-12, "{found}");
     }
 
