@@ -72,7 +72,9 @@ pub fn first_look(volume: &Arc<Volume>, slot: VolumeSlot, progress: &Progress) -
     let view = View::of(&volume.grid);
     let kind = Kind::of(volume, statistics);
     let look = Look::of(kind, view, volume, statistics);
-    let object = ObjectTemplate { name: name(&slot.file), ..look.object(&slot.name) };
+    // A folder is seldom called after what is in it.
+    let named = Some(volume.description.clone()).filter(|d| !d.is_empty()).unwrap_or_else(|| name(&slot.file));
+    let object = ObjectTemplate { name: named, ..look.object(&slot.name) };
     let mut template = Template {
         fabrica: VERSION,
         title: String::new(),
