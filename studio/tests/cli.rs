@@ -485,3 +485,110 @@ fn bench_times_a_turning_camera() {
     let ratio = finer["samples_per_ray"].as_f64().unwrap() / report["samples_per_ray"].as_f64().unwrap();
     assert!((1.5..2.5).contains(&ratio), "{ratio}");
 }
+
+/// What identifies a patient and must not leave the header of a scan.
+const PLANTED: [&str; 9] = [
+    "PLANTEDNAME",
+    "PLANTED-ID",
+    "19770131",
+    "PLANTED HOSPITAL",
+    "PLANTEDDOCTOR",
+    "PLANTEDACCESS",
+    "1.2.3.777",
+    "1.2.3.888",
+    "PLANTED COMMENT",
+];
+
+/// One slice of a CT series, with all that a hospital writes into it.
+fn slice_with_identifiers(series: &str, description: &str, number: usize) -> Vec<u8> {
+    let mut bytes = vec![0; 128];
+    bytes.extend(b"DICM");
+    let mut put = |group: u16, element: u16, vr: &str, value: &[u8]| {
+        let mut value = value.to_vec();
+        if value.len() % 2 == 1 {
+            value.push(if vr == "UI" || vr == "OW" { 0 } else { b' ' });
+        }
+        bytes.extend(group.to_le_bytes());
+        bytes.extend(element.to_le_bytes());
+        bytes.extend(vr.bytes());
+        if vr == "OW" {
+            bytes.extend([0, 0]);
+            bytes.extend((value.len() as u32).to_le_bytes());
+        } else {
+            bytes.extend((value.len() as u16).to_le_bytes());
+        }
+        bytes.extend(value);
+    };
+    put(0x0002, 0x0010, "UI", b"1.2.840.10008.1.2.1");
+    put(0x0008, 0x0016, "UI", b"1.2.840.10008.5.1.4.1.1.2");
+    put(0x0008, 0x0018, "UI", format!("1.2.3.777.{series}.{number}").as_bytes());
+    put(0x0008, 0x0020, "DA", b"19770131");
+    put(0x0008, 0x0050, "SH", b"PLANTEDACCESS");
+    put(0x0008, 0x0060, "CS", b"CT");
+    put(0x0008, 0x0080, "LO", b"PLANTED HOSPITAL");
+    put(0x0008, 0x0090, "PN", b"PLANTEDDOCTOR^A");
+    put(0x0008, 0x103e, "LO", description.as_bytes());
+    put(0x0010, 0x0010, "PN", b"PLANTEDNAME^ANNA");
+    put(0x0010, 0x0020, "LO", b"PLANTED-ID");
+    put(0x0010, 0x4000, "LT", b"PLANTED COMMENT");
+    put(0x0020, 0x000d, "UI", b"1.2.3.777");
+    put(0x0020, 0x000e, "UI", format!("1.2.3.888.{series}").as_bytes());
+    put(0x0020, 0x0032, "DS", format!("0\\0\\{number}").as_bytes());
+    put(0x0020, 0x0037, "DS", b"1\\0\\0\\0\\1\\0");
+    put(0x0028, 0x0002, "US", &1u16.to_le_bytes());
+    put(0x0028, 0x0004, "CS", b"MONOCHROME2");
+    put(0x0028, 0x0010, "US", &8u16.to_le_bytes());
+    put(0x0028, 0x0011, "US", &8u16.to_le_bytes());
+    put(0x0028, 0x0030, "DS", b"1\\1");
+    for (element, value) in [(0x0100, 16u16), (0x0101, 16), (0x0102, 15), (0x0103, 1)] {
+        put(0x0028, element, "US", &value.to_le_bytes());
+    }
+    let pixels: Vec<u8> = (0..64i16)
+        .flat_map(|i| {
+            let inside = (1..7).contains(&(i % 8)) && (1..7).contains(&(i / 8)) && (1..7).contains(&number);
+            (if inside { 300 + i } else { -1000 }).to_le_bytes()
+        })
+        .collect();
+    put(0x7fe0, 0x0010, "OW", &pixels);
+    bytes
+}
+
+#[test]
+fn nothing_that_identifies_a_patient_leaves_the_header() {
+    let place = Place::new();
+    for (series, description) in [("1", "Head thin"), ("2", "Head thick")] {
+        let folder = place.path(&format!("study/{series}"));
+        std::fs::create_dir_all(&folder).unwrap();
+        for number in 0..8 {
+            let bytes = slice_with_identifiers(series, description, number);
+            std::fs::write(folder.join(format!("{number}.dcm")), bytes).unwrap();
+        }
+    }
+    let mut said = Vec::new();
+    for arguments in [
+        vec!["inspect", "study"],
+        vec!["inspect", "study", "--list", "--json"],
+        vec!["inspect", "study", "--series", "thin"],
+        vec!["inspect", "study", "--series", "thick", "--json"],
+        vec!["template", "study", "--series", "thin", "--out", "look.json"],
+        vec!["render", "look.json", "--out", "a.png", "--adapter", "software", "--dpi", "10", "--verbose"],
+        vec!["template", "study", "--series", "head", "--out", "b.json"],
+    ] {
+        let output = place.run(&arguments);
+        assert!(output.status.success() || arguments.contains(&"head"), "{}", String::from_utf8_lossy(&output.stderr));
+        said.extend(output.stdout);
+        said.extend(output.stderr);
+    }
+    let template = std::fs::read(place.path("look.json")).unwrap();
+    assert!(String::from_utf8_lossy(&template).contains("Head thin"), "the description is what names the series");
+    assert!(String::from_utf8_lossy(&said).contains("Head thick"));
+    for bytes in [said, template, std::fs::read(place.path("a.png")).unwrap()] {
+        let text = String::from_utf8_lossy(&bytes);
+        for planted in PLANTED {
+            assert!(!text.contains(planted), "{planted} got out");
+        }
+    }
+    // The test can fail: the words are in the file.
+    let slice = String::from_utf8_lossy(&slice_with_identifiers("1", "", 0)).into_owned();
+    assert!(PLANTED.iter().all(|planted| slice.contains(planted)));
+}

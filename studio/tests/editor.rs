@@ -662,7 +662,7 @@ fn a_part_of_a_volume_is_loaded_and_the_figure_says_so() {
     settle(&mut harness);
     let slot = figure(&harness).volumes[0].clone();
     assert_eq!((slot.crop, slot.reduce), (Some([[0, 8], [0, 16], [0, 16]]), Some([1, 1, 2])));
-    assert!(harness.query_by_label_contains("8 x 16 x 8 were loaded").is_some(), "the window does not say it");
+    assert!(harness.query_all_by_label_contains("8 x 16 x 8 were loaded").count() > 0, "the window does not say it");
     run(&mut harness, UiCommand::Undo);
     assert_eq!(figure(&harness).volumes[0].crop, None);
 }

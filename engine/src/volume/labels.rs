@@ -6,6 +6,7 @@ mod statistics;
 mod table;
 
 use std::collections::HashMap;
+use std::f64::consts::TAU;
 
 pub use layers::LayerBuilder;
 pub use resample::{resample_layers, same_grid};
@@ -13,6 +14,7 @@ pub use statistics::StructureStatistics;
 pub use table::{LabelTable, LabelTableEntry};
 
 use super::{Volume, Voxel as _};
+use crate::color::srgb8_from_linear;
 use crate::spaces::Grid;
 use crate::with_voxels;
 
@@ -91,18 +93,46 @@ pub(crate) fn numbered(id: u32) -> Label {
     Label { id, name: id.to_string(), color: distinct_color(id), code: None }
 }
 
-/// A color for a structure of which only the number is known: neighboring numbers get hues far apart (the golden angle), in
-/// three steps of lightness; 0 is black.
+/// A color for a structure of which only the number is known: equally light and colorful (OKLCH), beginning with a warm one,
+/// neighboring numbers with hues far apart (the golden angle) in three steps of lightness; 0 is black.
 pub fn distinct_color(id: u32) -> [u8; 3] {
     if id == 0 {
         return [0; 3];
     }
-    let hue = f64::from(id).mul_add(0.618_033_988_749_895, 0.05).fract() * 6.0;
-    let (value, saturation) = [(0.92, 0.55), (0.76, 0.62), (0.98, 0.38)][(id % 3) as usize];
-    let channel = |n: f64| {
-        let k = (n + hue) % 6.0;
-        let v: f64 = value - value * saturation * k.min(4.0 - k).clamp(0.0, 1.0);
-        (v * 255.0).round() as u8
-    };
-    [channel(5.0), channel(3.0), channel(1.0)]
+    let turns = (f64::from(id - 1) * 0.618_033_988_749_895 + 0.125).fract();
+    let (sin, cos) = (turns * TAU).sin_cos();
+    let (light, chroma) = [(0.78, 0.11), (0.70, 0.12), (0.86, 0.09)][(id as usize - 1) % 3];
+    let (a, b) = (chroma * cos, chroma * sin);
+    // B. Ottosson, A perceptual color space for image processing, 2020.
+    let [l, m, s] = [
+        light + 0.396_337_777_4 * a + 0.215_803_757_3 * b,
+        light - 0.105_561_345_8 * a - 0.063_854_172_8 * b,
+        light - 0.089_484_177_5 * a - 1.291_485_548 * b,
+    ]
+    .map(|x| x * x * x);
+    [
+        4.076_741_662_1 * l - 3.307_711_591_3 * m + 0.230_969_929_2 * s,
+        -1.268_438_004_6 * l + 2.609_757_401_1 * m - 0.341_319_396_5 * s,
+        -0.004_196_086_3 * l - 0.703_418_614_7 * m + 1.707_614_701 * s,
+    ]
+    .map(|x| srgb8_from_linear(x.clamp(0.0, 1.0) as f32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighboring_numbers_have_colors_that_one_tells_apart() {
+        let colors: Vec<_> = (1..=117).map(distinct_color).collect();
+        for (i, a) in colors.iter().enumerate() {
+            assert!(a.iter().max().unwrap() > &120, "{a:?} is dark");
+            for b in &colors[i + 1..(i + 8).min(colors.len())] {
+                let apart: i32 = a.iter().zip(b).map(|(x, y)| (i32::from(*x) - i32::from(*y)).abs()).sum();
+                assert!(apart > 25, "{a:?} and {b:?}");
+            }
+        }
+        assert_eq!(distinct_color(0), [0; 3]);
+        distinct_color(u32::MAX);
+    }
 }
