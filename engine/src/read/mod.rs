@@ -143,8 +143,6 @@ pub const HEAD_BYTES: usize = 4096;
 static READERS: [&dyn VolumeReader; 9] = [
     &nifti::NiftiReader,
     &nrrd::NrrdReader,
-    // Before TIFF, whose mark may stand in a DICOM file's preamble.
-    &dicom::DicomReader,
     &metaimage::MetaImageReader,
     // Before TIFF: a file may be both, with DICOM meant.
     &dicom::DicomReader,
