@@ -59,6 +59,10 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     // The value at the front of piece k, once it is known: after a leap it is sampled first.
     var front = 0.0;
     var known = false;
+#if alpha
+    // Alpha there.
+    var front_alpha = 0.0;
+#end
     // Value, gradient and normal at the part boundary that was reached last; `met`: it is the front of piece k.
 #if colors
     var edge = Edge(0.0, mat3x4f(), vec3f(0.0));
@@ -69,6 +73,9 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     loop {
         var visible = false;
         var back = 0.0;
+#if alpha
+        var back_alpha = 0.0;
+#end
         loop {
             loop {
                 if k >= count { break; }
@@ -83,10 +90,17 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             let boundary = piece_end(select(k, k + 1u, known), steps);
             back = sample_volume(volume, volume_sampler, first + boundary * stride, object.texel_scale);
             visible = known && classify_piece(front, back).extinction > 0.0;
+#if alpha
+            back_alpha = sample_color(colors, first + boundary * stride).a;
+            visible = visible && max(front_alpha, back_alpha) > 0.0;
+#end
             if visible { break; }
             k += u32(known);
             known = true;
             front = back;
+#if alpha
+            front_alpha = back_alpha;
+#end
             met = false;
         }
         if !visible { break; }
@@ -138,6 +152,9 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         if ended { break; }
         met = true;
         front = back;
+#if alpha
+        front_alpha = back_alpha;
+#end
         k += 1u;
     }
     return accumulated;

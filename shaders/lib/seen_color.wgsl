@@ -20,7 +20,11 @@ fn seen_color(p: vec3f) -> vec4f {
             + w.y * (v.x * shown(a.x, b.y, a.z) + w.x * shown(b.x, b.y, a.z)))
         + w.z * (v.y * (v.x * shown(a.x, a.y, b.z) + w.x * shown(b.x, a.y, b.z))
             + w.y * (v.x * shown(a.x, b.y, b.z) + w.x * shown(b.x, b.y, b.z)));
+#if alpha
     let alpha = sample_color(colors, p).a;
+#else
+    let alpha = 1.0;
+#end
     return vec4f(sum.rgb * (alpha / max(sum.a, 1e-30)), alpha);
 }
 

@@ -86,9 +86,16 @@ fn constants_that_both_sides_know_are_the_same() {
 /// Offset and name of each member of a struct, from the shader's own layout.
 fn shader_layout(name: &str) -> (u32, Vec<(u32, String)>) {
     let module = parse(
-        &RaycastKey { filtered: true, table_filtered: true, no_data: false, colors: false, resumed: false }
-            .wgsl()
-            .unwrap(),
+        &RaycastKey {
+            filtered: true,
+            table_filtered: true,
+            no_data: false,
+            colors: false,
+            alpha: false,
+            resumed: false,
+        }
+        .wgsl()
+        .unwrap(),
     );
     for (_, ty) in module.types.iter() {
         if ty.name.as_deref() == Some(name)

@@ -53,6 +53,8 @@ pub struct RaycastKey {
     pub no_data: bool,
     /// The volume is one of colors.
     pub colors: bool,
+    /// They have alpha; never without `colors`.
+    pub alpha: bool,
     /// The pass goes on where another one had to stop.
     pub resumed: bool,
 }
@@ -63,6 +65,7 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.table_filtered { "" } else { " table_loads" })?;
         f.write_str(if self.no_data { " no_data" } else { "" })?;
         f.write_str(if self.colors { " colors" } else { "" })?;
+        f.write_str(if self.alpha { " alpha" } else { "" })?;
         f.write_str(if self.resumed { " resumed" } else { "" })
     }
 }
@@ -70,12 +73,13 @@ impl std::fmt::Display for RaycastKey {
 impl RaycastKey {
     /// Every key there is.
     pub fn all() -> impl Iterator<Item = Self> {
-        (0..32).map(|bits| Self {
-            filtered: bits & 1 == 0,
-            table_filtered: bits & 2 == 0,
-            no_data: bits & 4 != 0,
-            resumed: bits & 8 != 0,
-            colors: bits & 16 != 0,
+        (0..48).map(|n| Self {
+            filtered: n & 1 == 0,
+            table_filtered: n & 2 == 0,
+            no_data: n & 4 != 0,
+            resumed: n & 8 != 0,
+            colors: n >= 16,
+            alpha: n >= 32,
         })
     }
 
@@ -94,6 +98,7 @@ impl RaycastKey {
         };
         let has = |feature: &str| match feature {
             "colors" => Some(self.colors),
+            "alpha" => Some(self.alpha),
             _ => None,
         };
         assemble("raycast", &choose, &has)

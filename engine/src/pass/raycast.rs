@@ -256,6 +256,7 @@ impl RaycastPass {
             table_filtered: context.formats.r32_filterable,
             no_data: resident.validity.is_some(),
             colors: resident.colors.is_some(),
+            alpha: resident.alpha,
             resumed: false,
         };
         let device = &context.device;

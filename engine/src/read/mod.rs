@@ -144,7 +144,7 @@ static READERS: [&dyn VolumeReader; 9] = [
     &nifti::NiftiReader,
     &nrrd::NrrdReader,
     &metaimage::MetaImageReader,
-    // Before TIFF: a file may be both, with DICOM meant.
+    // Before TIFF, whose mark may stand in a DICOM file's preamble.
     &dicom::DicomReader,
     &tiff::TiffReader,
     &npy::NpyReader,

@@ -103,7 +103,7 @@ fn smooth_along<T: Quantity>(lattice: &Lattice<T>, axis: usize, sigma: f64) -> L
             let start = voxel - i * stride + *first as usize * stride;
             // Weights sum to 1; differences keep a constant exactly constant.
             let terms = weights.iter().enumerate().map(|(k, &w)| (lattice.values[start + k * stride] - own) * w);
-            own + terms.reduce(|a, b| a + b).unwrap_or(own - own)
+            terms.fold(own, |sum, term| sum + term)
         })
         .collect();
     Lattice { dims: lattice.dims, values }

@@ -235,6 +235,11 @@ pub fn march_pieces(
         if classify_piece(function, line.value(start), line.value(end), 1.0).extinction <= 0.0 {
             continue;
         }
+        if let Some(colors) = &object.colors
+            && [start, end].into_iter().all(|t| sample_volume(&colors.voxels, line.at(t)).w <= 0.0)
+        {
+            continue;
+        }
         let num_parts = ((end - start) / part_mm - 1e-9).ceil().max(1.0) as u32;
         for part in 0..num_parts {
             let a = start + f64::from(part) * part_mm;

@@ -8,6 +8,7 @@ use fabrica_engine::read::window::Window;
 
 /// The options of a command that reads one volume.
 #[derive(clap::Args, Clone, Debug, Default)]
+#[group(skip)]
 pub struct Arguments {
     /// Layout of a raw file: DIMSxTYPE[,spacing][,endian], as in 256x256x128xuint8,1x1x1,little.
     #[arg(long, value_name = "LAYOUT")]

@@ -133,6 +133,8 @@ impl VolumeChoice {
 
     /// The dialog's contents; how it ended, if it did.
     pub fn show(&mut self, ui: &mut Ui) -> Option<Choice> {
+        // Enter ends what is typed in a field before it ends the dialog.
+        let is_typing = ui.memory(|m| m.focused().is_some());
         let name = self.path.file_name().unwrap_or(self.path.as_os_str()).to_string_lossy().into_owned();
         let (title, text) = if self.layout.is_some() {
             ("How do the voxels lie?", format!("{name} holds plain voxels, without a word about them."))
@@ -171,7 +173,7 @@ impl VolumeChoice {
         ui.horizontal(|ui| {
             let can_open = fault.is_none();
             let within = self.is_within();
-            let entered = ui.memory(|m| m.focused().is_none()) && ui.input(|i| i.key_pressed(egui::Key::Enter));
+            let entered = !is_typing && ui.input(|i| i.key_pressed(egui::Key::Enter));
             let verb = if within { "Open" } else { "Open all the same" };
             let clicked = ui.add_enabled_ui(can_open, |ui| {
                 if within { filled(ui, verb).clicked() } else { ui.button(verb).clicked() }

@@ -3,19 +3,21 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use bytemuck::Pod;
 use dicom_dictionary_std::tags;
 use rayon::prelude::*;
 
 use super::file::DicomFile;
 use super::frames::Frames;
 use super::geometry::Plane;
-use super::image::{Photometric, Slice};
+use super::image::Photometric;
 use super::series::Stack;
+use super::slices::Slice;
 use super::voxels::{Colors, Element, Number, Target, convert};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::read::stream::reserve;
-use crate::read::window::{Averaging, Collector, OnGrid};
+use crate::read::window::{Averaged, Averaging, Collector, OnGrid};
 use crate::volume::{Rescale, Volume, Voxels};
 
 /// Slices that are decoded at a time where only parts of them are kept.
@@ -79,6 +81,11 @@ fn frames_of<'a>(files: &'a [DicomFile], stack: &Stack, slices: &[Slice]) -> BTr
     frames
 }
 
+fn out_of_memory(path: &Path, num_bytes: usize) -> Error {
+    let what = format!("there is not enough memory for its voxels ({} MiB)", num_bytes >> 20);
+    Error::file(path, what, "close other programs, or crop or downsample the volume")
+}
+
 struct Reader<'a> {
     path: &'a Path,
     stack: &'a Stack,
@@ -93,7 +100,7 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     fn numbers<T: Number>(&self, warnings: &mut Vec<String>) -> Result<Vec<T>> {
-        let mut voxels = self.collect(&|plane, to: &mut [T]| self.fill_plane(plane, to), T::from_value(0.0))?;
+        let mut voxels = self.collect(&|plane, to: &mut [T]| self.fill_plane(plane, to))?;
         if self.target.has_padding && self.fill_padding(&mut voxels) {
             warnings.push("Pixels outside of the scanned field (padding) were given the smallest value.".to_owned());
         }
@@ -101,11 +108,7 @@ impl Reader<'_> {
     }
 
     /// The planes of the window, each filled by `fill`.
-    fn collect<T: crate::read::window::Averaged>(
-        &self,
-        fill: &(dyn Fn(Plane, &mut [T]) -> Result<()> + Sync),
-        zero: T,
-    ) -> Result<Vec<T>> {
+    fn collect<T: Averaged + Pod>(&self, fill: &(dyn Fn(Plane, &mut [T]) -> Result<()> + Sync)) -> Result<Vec<T>> {
         let n = self.stack.format.num_pixels();
         let step = |plane: &Plane, to: &mut [T]| {
             self.progress.check()?;
@@ -113,13 +116,10 @@ impl Reader<'_> {
             self.progress.advance(slice_bytes(self.stack))
         };
         if self.window.is_whole() {
-            let mut voxels = Vec::new();
-            // A slice that cannot be read says so before there is memory for all of them.
-            let mut first = vec![zero; n];
-            fill(self.planes[0], &mut first)?;
-            drop(first);
-            reserve(&mut voxels, n * self.planes.len(), self.path)?;
-            voxels.resize(n * self.planes.len(), zero);
+            // Zeros from the system take no memory until a slice is decoded into them: a file that promises more slices than
+            // it has ends the work early.
+            let mut voxels = bytemuck::allocation::try_zeroed_vec(n * self.planes.len())
+                .map_err(|()| out_of_memory(self.path, n * self.planes.len() * size_of::<T>()))?;
             voxels.par_chunks_exact_mut(n).zip(self.planes).try_for_each(|(to, plane)| step(plane, to))?;
             return Ok(voxels);
         }
@@ -131,7 +131,7 @@ impl Reader<'_> {
                 .map(|plane| {
                     let mut slice = Vec::new();
                     reserve(&mut slice, n, self.path)?;
-                    slice.resize(n, zero);
+                    slice.resize(n, T::zeroed());
                     step(plane, &mut slice)?;
                     Ok(slice)
                 })
@@ -209,7 +209,7 @@ impl Reader<'_> {
             palette(&files[slice.file], self.stack.format.photometric)?.convert(&decoded, &self.stack.format, to);
             Ok(())
         };
-        self.collect(&fill, [0; 4])
+        self.collect(&fill)
     }
 }
 

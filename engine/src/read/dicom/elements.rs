@@ -150,15 +150,6 @@ impl Elements {
         self.values.push((tag, Value::Items(items)));
     }
 
-    /// Adds elements of another data set that this one lacks.
-    pub fn inherit(&mut self, other: &Self) {
-        for (tag, value) in &other.values {
-            if !self.has(*tag) {
-                self.values.push((*tag, value.clone()));
-            }
-        }
-    }
-
     fn value(&self, tag: Tag) -> Option<&Value> {
         self.values.iter().find(|(t, _)| *t == tag).map(|(_, value)| value)
     }

@@ -93,7 +93,7 @@ fn begins_data_set(head: &[u8]) -> bool {
         let is_plausible = if i == 0 {
             (tag.0 == 2 && tag.1 <= 2) || (tag.0 == 8 && tag.1 <= 0x18)
         } else {
-            tag > last && tag.0 <= 0x20 && tag.0 % 2 == 0
+            tag > last && tag.0 <= 0x20 && tag.0.is_multiple_of(2)
         };
         if !is_plausible {
             return false;
@@ -104,7 +104,7 @@ fn begins_data_set(head: &[u8]) -> bool {
         } else {
             u32::from_le_bytes([h[4], h[5], h[6], h[7]])
         };
-        if length > 1024 || length % 2 != 0 {
+        if length > 1024 || !length.is_multiple_of(2) {
             return false;
         }
         // Long forms (OB of the file meta version) have their length behind.
@@ -284,17 +284,15 @@ impl Source {
     }
 
     fn header(&mut self, decoder: &DynDecoder<dyn Read>) -> Walked<DataElementHeader> {
-        let position = self.position;
         // dicom-rs wraps the cause of a failure; whether the bytes ran out is all that matters here.
-        decoder.decode_header(self).map(|(header, _)| header).map_err(|_| self.fault_after(position))
+        decoder.decode_header(self).map(|(header, _)| header).map_err(|_| self.fault_here())
     }
 
     fn item_header(&mut self, decoder: &DynDecoder<dyn Read>) -> Walked<SequenceItemHeader> {
-        let position = self.position;
-        decoder.decode_item_header(self).map_err(|_| self.fault_after(position))
+        decoder.decode_item_header(self).map_err(|_| self.fault_here())
     }
 
-    fn fault_after(&mut self, _position: u64) -> Fault {
+    fn fault_here(&mut self) -> Fault {
         match self.is_at_end() {
             Ok(true) => Fault::EndsEarly,
             Ok(false) => Fault::Damaged,

@@ -6,7 +6,7 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::image::{NUM_ORDERS, ORDER_NAMES, Slice};
+use super::slices::{NUM_ORDERS, ORDER_NAMES, Slice};
 
 /// Why slices make no volume: what, remedy.
 pub type Clause = (String, String);

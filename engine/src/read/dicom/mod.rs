@@ -1,7 +1,7 @@
 //! DICOM: files, series in folders and trees of folders, multi-frame and enhanced objects, segmentations.
 //!
 //! - `file`, `elements`, `syntax`: a header, of which only what is known by name is kept
-//! - `image`: what it says about pixels, places and values
+//! - `image`, `slices`: what it says about pixels, places and values
 //! - `folder`, `series`: which files there are, and which belong together
 //! - `geometry`: slices in order, in an even stack
 //! - `frames`, `codec`, `voxels`, `assemble`: pixels
@@ -20,6 +20,7 @@ mod geometry;
 mod image;
 mod segmentation;
 mod series;
+mod slices;
 mod syntax;
 #[cfg(test)]
 mod tests;
@@ -94,7 +95,8 @@ impl VolumeReader for DicomReader {
 struct Opened {
     files: Vec<DicomFile>,
     found: Found,
-    damaged: Vec<Error>,
+    /// Whether the path is that of one file.
+    is_file: bool,
 }
 
 impl Opened {
@@ -103,8 +105,9 @@ impl Opened {
             return Self::open_file(path, progress);
         }
         let folder::Gathered { files, damaged } = folder::open_all(folder::list(path, true, progress)?, progress)?;
-        let found = series::find(path, &files);
-        Ok(Self { files, found, damaged })
+        let mut found = series::find(path, &files);
+        found.damaged.extend(damaged);
+        Ok(Self { files, found, is_file: false })
     }
 
     /// A file that holds one slice stands for the series that it belongs to, as far as it lies in the same folder.
@@ -135,18 +138,16 @@ impl Opened {
             stack.segmentation == Some(0) || stack.slices.frames.iter().flatten().any(|slice| slice.file == 0)
         };
         found.stacks.retain(is_of_file);
-        if is_alone {
-            damaged.clear();
-        }
-        Ok(Self { files, found, damaged })
+        found.damaged.extend(damaged);
+        Ok(Self { files, found, is_file: true })
     }
 
     /// The stack that the caller means, and what to say about the choice.
     fn choose(&self, path: &Path, options: &ReadOptions, is_for_labels: bool) -> Result<(usize, Vec<String>)> {
         let stacks = &self.found.stacks;
         let mut notes = Vec::new();
-        if !self.damaged.is_empty() {
-            let n = self.damaged.len();
+        if !self.found.damaged.is_empty() {
+            let n = self.found.damaged.len();
             let files =
                 if n == 1 { "1 damaged DICOM file was".to_owned() } else { format!("{n} damaged DICOM files were") };
             notes.push(format!("{files} left out."));
@@ -154,8 +155,10 @@ impl Opened {
         if let Some(wanted) = options.series.as_deref() {
             return Ok((self.named(path, wanted)?, notes));
         }
-        if let [_] = stacks[..] {
-            return Ok((0, notes));
+        let num_refused = self.found.faults.len();
+        if num_refused > 0 {
+            let series = if num_refused == 1 { "1 series was" } else { "Several series were" };
+            notes.push(format!("{series} left out, as no volume can be made of it: {}.", self.fault(path)));
         }
         let is_fit = |s: &Stack| if is_for_labels { s.segmentation.is_some() } else { s.is_volume() };
         let fit: Vec<usize> = (0..stacks.len()).filter(|&i| is_fit(&stacks[i])).collect();
@@ -163,11 +166,17 @@ impl Opened {
             let n = stacks.len() - 1;
             let others =
                 if n == 1 { "1 other series or picture".to_owned() } else { format!("{n} other series or pictures") };
-            notes.push(format!("{others} beside it were left out."));
+            if n > 0 {
+                notes.push(format!("{others} beside it were left out."));
+            }
             return Ok((only, notes));
         }
-        if stacks.is_empty() {
+        // A scout view does not stand for the series that it was made for.
+        if stacks.is_empty() || (fit.is_empty() && num_refused > 0 && !self.is_file) {
             return Err(self.fault(path));
+        }
+        if let [_] = stacks[..] {
+            return Ok((0, notes));
         }
         Err(Error::file(
             path,
@@ -229,7 +238,8 @@ impl Opened {
 
     /// Why there is nothing to read.
     fn fault(&self, path: &Path) -> Error {
-        let first = self.found.faults.iter().map(|(_, e)| e).chain(&self.damaged).next();
+        let faults = self.found.faults.iter().map(|(_, e)| e);
+        let first = faults.chain(&self.found.damaged).chain(&self.found.without_pixels).next();
         first.map_or_else(|| Error::file(path, "it has no DICOM picture", "name the folder of the slices"), copy_of)
     }
 }

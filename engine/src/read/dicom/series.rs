@@ -7,7 +7,8 @@ use glam::DVec3;
 
 use super::file::DicomFile;
 use super::geometry::{Arranged, Clause, arrange};
-use super::image::{Image, PixelFormat, Slice, is_segmentation, slices_of};
+use super::image::{Image, PixelFormat, is_segmentation};
+use super::slices::{Slice, slices_of};
 use super::voxels::Target;
 use crate::error::{Error, Result};
 use crate::read::{Entry, grid_of};
@@ -79,8 +80,12 @@ impl Group {
 pub struct Found {
     /// In the order of the list.
     pub stacks: Vec<Stack>,
-    /// Titles of series that make no volume, and why.
+    /// Titles of series that should make a volume and do not, and why.
     pub faults: Vec<(String, Error)>,
+    /// Faults of files whose header or size is not what it should be.
+    pub damaged: Vec<Error>,
+    /// What the files without pixels are.
+    pub without_pixels: Vec<Error>,
 }
 
 /// Sorts files into stacks. `path` is what the user named, for errors.
@@ -91,8 +96,12 @@ pub fn find(path: &Path, files: &[DicomFile]) -> Found {
     for (index, file) in files.iter().enumerate() {
         let image = match Image::of(file) {
             Ok(image) => image,
+            Err(error) if file.pixels.is_none() => {
+                found.without_pixels.push(error);
+                continue;
+            }
             Err(error) => {
-                found.faults.push((String::new(), error));
+                found.damaged.push(error);
                 continue;
             }
         };
@@ -124,7 +133,7 @@ pub fn find(path: &Path, files: &[DicomFile]) -> Found {
                     }
                 }
             }
-            Err(error) => found.faults.push((image.description.clone(), error)),
+            Err(error) => found.damaged.push(error),
         }
     }
     for group in groups {

@@ -2,7 +2,8 @@
 
 use super::codec::Decoded;
 use super::file::PixelKind;
-use super::image::{Photometric, PixelFormat, Slice};
+use super::image::{Photometric, PixelFormat};
+use super::slices::Slice;
 use crate::read::window::Averaged;
 use crate::volume::{Modality, Rescale};
 
@@ -75,6 +76,8 @@ impl Target {
             let ends = [low, high].map(|v| s.rescale.value(v));
             slope.fract() == 0.0 && intercept.fract() == 0.0 && ends.iter().all(|v| v.abs() < 32_768.0)
         };
+        let mut slices = slices;
+        let all_fit_i16 = slices.all(fits_i16);
         let (element, is_rescaled) = match stored {
             Element::Rgb => (Element::Rgb, false),
             _ if is_uniform && rescale.slope.is_finite() && rescale.intercept.is_finite() => {
@@ -82,7 +85,7 @@ impl Target {
                 (if has_padding && is_inverted { Element::F32 } else { stored }, false)
             }
             Element::F64 => (Element::F64, true),
-            _ if !has_padding && slices.clone().all(fits_i16) => (Element::I16, true),
+            _ if !has_padding && all_fit_i16 => (Element::I16, true),
             _ => (Element::F32, true),
         };
         let rescale = if is_rescaled || element == Element::Rgb { Rescale::IDENTITY } else { rescale };

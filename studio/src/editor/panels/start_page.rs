@@ -133,7 +133,7 @@ fn drop_area(ui: &mut Ui) {
     ui.painter().extend(egui::Shape::dashed_line(&corners, stroke, 4.0, 4.0));
     let lines = [
         ("Drop files or a folder anywhere", 13.0, tokens.text),
-        ("NIfTI, NRRD, raw voxels, figures", 11.0, tokens.dim),
+        ("NIfTI, NRRD, DICOM, raw voxels, figures", 11.0, tokens.dim),
     ];
     for (i, (text, size, color)) in lines.into_iter().enumerate() {
         let at = rect.center() + Vec2::Y * (20.0 * i as f32 - 10.0);

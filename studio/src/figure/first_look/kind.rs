@@ -66,7 +66,7 @@ fn is_in_hu(statistics: &Statistics) -> bool {
 /// than the few percent that simulations and maps of statistics show.
 fn is_of_a_body(volume: &Volume, statistics: &Statistics) -> bool {
     let size = volume.grid.spacing_mm() * DVec3::from_array(volume.grid.dims().map(|n| n as f64));
-    let is_medical = ["NIfTI", "NRRD"].iter().any(|format| volume.format.starts_with(format));
+    let is_medical = ["NIfTI", "NRRD", "DICOM"].iter().any(|format| volume.format.starts_with(format));
     let share = statistics.num_above_background() as f64 / statistics.num_finite.max(1) as f64;
     is_medical && (40.0..2500.0).contains(&size.max_element()) && share > 0.06
 }

@@ -151,7 +151,7 @@ impl Look {
             },
             Kind::Colors => {
                 // Otsu's threshold lies among the colors: of these, the dark ones are far above what is black.
-                let (dark, seen) = (0.05 * statistics.background, 0.2 * statistics.background);
+                let (dark, seen) = (0.1 * statistics.background, 0.5 * statistics.background);
                 let filler = kind::filler(statistics).filter(|value| *value < statistics.background);
                 let dark = filler.map_or(dark, |value| dark.max(value));
                 let seen = seen.max(2.0 * dark);
@@ -339,6 +339,8 @@ mod tests {
             ("inlay", phantoms::inlay(), Domain::Percentile, "brass"),
             ("labels", phantoms::labels(), Domain::Data, "plaster"),
             ("mask", phantoms::mask(), Domain::Data, "plaster"),
+            ("photograph", phantoms::photograph(), Domain::Data, "plaster"),
+            ("atlas", phantoms::atlas(), Domain::Data, "plaster"),
         ] {
             let figure = look_of(&volume);
             assert_eq!(figure.objects[0].transfer_function.domain, domain, "{name}");
@@ -360,6 +362,22 @@ mod tests {
         let scene = scene_of(&look_of(&volume), &volume);
         let function = &scene.objects[0].transfer_function;
         assert_eq!([0.0, lowest, statistics.max].map(|v| function.max_opacity(v, v)), [0.0, 1.0, 1.0]);
+    }
+
+    #[test]
+    fn colors_are_cut_out_of_the_dark_or_by_their_alpha() {
+        let shown = |volume: &Arc<Volume>, at: [usize; 3]| {
+            let value = volume.value(at[0], at[1], at[2]);
+            scene_of(&look_of(volume), volume).objects[0].transfer_function.max_opacity(value, value)
+        };
+        let photograph = phantoms::photograph();
+        assert_eq!(shown(&photograph, [0; 3]), 0.0);
+        assert!(shown(&photograph, [16; 3]) > 0.2 && shown(&photograph, [26, 16, 16]) == 0.9);
+        assert_eq!(shown(&phantoms::atlas(), [10, 16, 16]), 1.0, "black is a color");
+        // What is transparent takes no room on the page.
+        let figure = look_of(&phantoms::atlas());
+        assert!(scene_of(&figure, &phantoms::atlas()).camera.half_height() > 0.0);
+        assert!(figure.camera.height < 3.0, "{}", figure.camera.height);
     }
 
     #[test]

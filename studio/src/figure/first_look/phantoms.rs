@@ -107,3 +107,33 @@ pub fn slice(affine: DAffine3) -> Arc<Volume> {
 pub fn signed() -> Arc<Volume> {
     Arc::new(volume([40; 3], "NIfTI-1", |p, noise| if p.length() > 15.0 { 0.0 } else { noise }))
 }
+
+/// A volume of the colors that `color` gives to places from the middle, in voxels.
+fn colors(color: impl Fn(DVec3) -> [u8; 4]) -> Arc<Volume> {
+    let dims = [32; 3];
+    let place = |i: usize| [i % 32, i / 32 % 32, i / 1024].map(|n| n as f64 - 15.5);
+    let colors = (0..32 * 32 * 32).map(|i| color(DVec3::from_array(place(i)))).collect();
+    Arc::new(Volume::from_colors(Grid::new(dims, DAffine3::IDENTITY).unwrap(), colors, "NIfTI-1").unwrap())
+}
+
+/// Photographs of slices, on a black that is not quite one.
+pub fn photograph() -> Arc<Volume> {
+    colors(|p| match p.length() {
+        r if r > 13.0 => [(p.x.abs() * 0.3) as u8, 3, 4, 255],
+        r if r > 7.0 => [190, 120, 90, 255],
+        _ => [130, 40, 30, 255],
+    })
+}
+
+/// The colors of an atlas' structures, one of them black, and nothing around.
+pub fn atlas() -> Arc<Volume> {
+    colors(|p| {
+        if p.length() > 12.0 {
+            [90, 200, 90, 0]
+        } else if p.x > 0.0 {
+            [60, 90, 200, 255]
+        } else {
+            [0, 0, 0, 255]
+        }
+    })
+}

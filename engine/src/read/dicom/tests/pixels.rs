@@ -24,7 +24,6 @@ fn slices_with_a_rescale_each_become_values() {
     // In whole numbers: exactly; else in f32.
     for (slopes, element) in [([1.0, 2.0, 3.0], "int16"), ([0.5, 0.25, 2.0], "float32"), ([2.0, 2.0, 2.0], "uint16")] {
         let mut all = slices("LPS");
-        let nz = all.len();
         for (k, slice) in all.iter_mut().enumerate() {
             decimals(slice, tags::RESCALE_SLOPE, &[slopes[k]]);
             decimals(slice, tags::RESCALE_INTERCEPT, &[-5.0]);
@@ -38,8 +37,8 @@ fn slices_with_a_rescale_each_become_values() {
         let volume = read(folder.path()).unwrap();
         assert_eq!(volume.voxels.type_name(), element);
         let phantom = Phantom::oriented("LPS");
-        for k in 0..nz {
-            assert_eq!(volume.value(2, 1, k), phantom.values[2 + 5 * (1 + 4 * k)] * slopes[k] - 5.0);
+        for (k, slope) in slopes.iter().enumerate() {
+            assert_eq!(volume.value(2, 1, k), phantom.values[2 + 5 * (1 + 4 * k)] * slope - 5.0);
         }
     }
 }

@@ -125,3 +125,20 @@ fn a_window_decodes_its_slices_only() {
     let mean = (at(1, 0, 0) + at(1, 1, 0) + at(1, 0, 1) + at(1, 1, 1)) / 4.0;
     assert_eq!(volume.value(0, 0, 0), mean.round());
 }
+
+#[test]
+fn a_scout_view_does_not_stand_for_a_series_that_was_refused() {
+    let folder = Folder::new();
+    let mut all = series("Head", "1", "LPS");
+    // The middle one is pushed aside.
+    decimals(&mut all[1], tags::IMAGE_POSITION_PATIENT, &[500.0, 0.0, -28.25]);
+    write(&folder, &all, EXPLICIT);
+    folder.write("scout", &bytes(&series("Scout", "2", "PIL")[0], EXPLICIT));
+    let error = read(folder.path()).unwrap_err().to_string();
+    assert!(error.contains("shifted sideways"), "{error}");
+    let mut structures = picture([1, 1], &[0.0]);
+    structures.remove_element(tags::PIXEL_DATA);
+    let folder = Folder::new();
+    write(&folder, &[slices("LPS"), vec![structures]].concat(), EXPLICIT);
+    Phantom::assert_in_world(&read(folder.path()).unwrap());
+}
