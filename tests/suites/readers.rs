@@ -303,7 +303,7 @@ fn every_mask_of_a_folder_is_read() {
 fn raw_files_need_a_layout() {
     let Some(fuel) = fabrica_tests::data("fuel_64x33x32_uint8.raw") else { return };
     let error = read_volume(&fuel, &ReadOptions::default(), &Progress::new()).unwrap_err().to_string();
-    assert!(error.contains("--raw 256x256x128xuint16,0.5x0.5x1,big"), "{error}");
+    assert!(error.contains("--raw 64x33x32xuint8,1x1x1,little"), "{error}");
     let raw = read_as(&fuel, "64x33x32xuint8").unwrap();
     assert_eq!(raw.rescale, Rescale::IDENTITY);
     assert_eq!(range(&raw), (0.0, 255.0));

@@ -421,7 +421,7 @@ impl Header {
             Some(d) => (0..num_axes)
                 .filter(|&i| d[i].as_ref().is_none_or(|v| v.len() == 4 && v[..3].iter().all(|&c| c == 0.0)))
                 .collect(),
-            None => by_kind.clone(),
+            None => by_kind,
         };
         match (num_axes, &others[..]) {
             (3, []) => Ok(None),
