@@ -39,5 +39,7 @@ for target in $targets; do
         *) mkdir -p "fuzz/corpus/$target" ;;
     esac
     # Headers matter more than voxels: long inputs only cost time.
-    cargo +nightly fuzz run "$target" -- -runs="$runs" -max_len=65536 -timeout=10 -rss_limit_mb=3072 -print_final_stats=1
+    features=()
+    if [ "$target" = template ]; then features=(--features template); fi
+    cargo +nightly fuzz run "${features[@]}" "$target" -- -runs="$runs" -max_len=65536 -timeout=10 -rss_limit_mb=3072 -print_final_stats=1
 done

@@ -6,7 +6,6 @@ use std::sync::OnceLock;
 use fabrica_engine::Progress;
 use fabrica_engine::read::limits::Limits;
 use fabrica_engine::read::{ReadOptions, label_table, read_labels, read_volume, survey};
-use fabrica_studio::figure::Template;
 
 /// No mutated header may ask for more: what it asks for is then refused, as it is for users.
 const MOST_BYTES: u64 = 64 << 20;
@@ -76,7 +75,9 @@ pub fn read_label_table(name: &str, data: &[u8]) {
 }
 
 /// Parses a template; one that parses is written and parsed again as it was.
+#[cfg(feature = "template")]
 pub fn parse_template(data: &[u8]) {
+    use fabrica_studio::figure::Template;
     let Ok(text) = std::str::from_utf8(data) else { return };
     if let Ok(template) = Template::parse(text) {
         let written = template.to_json().expect("what was parsed can be written");

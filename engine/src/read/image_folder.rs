@@ -120,6 +120,7 @@ impl Stack {
             num_frames: 1,
             num_files: files.len(),
             is_labels: false,
+            is_localizer: false,
         };
         Ok(Self { entry, files, kind: wanted.kind, warnings })
     }

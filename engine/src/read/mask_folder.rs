@@ -59,12 +59,7 @@ impl VolumeReader for FolderReader {
 
     fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
         let contents = Contents::of(path, progress)?;
-        // Where label maps are asked for, scans beside the masks leave no doubt.
-        let choice = if options.series.is_none() && !contents.masks.is_empty() {
-            Choice::Masks
-        } else {
-            contents.choose(path, options)?
-        };
+        let choice = contents.choose(path, options)?;
         match choice {
             Choice::File(file) => {
                 reader_for(file, &ReadOptions::default())?.read_labels(file, &without_series(options), progress)
@@ -178,6 +173,7 @@ impl Contents {
             num_frames: 1,
             num_files: self.masks.iter().map(|m| m.entry.num_files).sum(),
             is_labels: true,
+            is_localizer: false,
         })
     }
 
@@ -197,23 +193,16 @@ impl Contents {
         grids.into_iter().find(|(_, count)| *count == most).map(|(grid, _)| grid)
     }
 
+    /// What the entry is that was chosen.
     fn choose(&self, folder: &Path, options: &ReadOptions) -> Result<Choice<'_>> {
         let entries = self.entries();
-        let choice = |i: usize| self.others.get(i).map_or(Choice::Masks, |m| Choice::File(&m.path));
-        let Some(wanted) = &options.series else {
-            if entries.len() == 1 {
-                return Ok(choice(0));
-            }
-            return Err(no_choice(folder, "the folder holds several volumes", &entries));
+        let index = match &options.series {
+            Some(key) => entries.iter().position(|e| e.key == *key),
+            None => Some(0).filter(|_| entries.len() == 1),
         };
-        let by_part = || {
-            let mut found = (0..).zip(&entries).filter(|(_, e)| e.title.contains(wanted.as_str()));
-            found.next().filter(|_| found.next().is_none()).map(|(i, _)| i)
-        };
-        let by_number = || wanted.parse::<usize>().ok()?.checked_sub(1).filter(|i| *i < entries.len());
-        let found = entries.iter().position(|e| e.key == *wanted).or_else(by_part).or_else(by_number);
-        let shown: String = wanted.chars().take(60).collect();
-        found.map(choice).ok_or_else(|| no_choice(folder, &format!("the folder has no volume `{shown}`"), &entries))
+        let index =
+            index.ok_or_else(|| Error::file(folder, "none of its volumes was chosen", "name one of its files"))?;
+        Ok(self.others.get(index).map_or(Choice::Masks, |m| Choice::File(&m.path)))
     }
 
     /// The masks in layers, on the grid that most have.
@@ -271,12 +260,6 @@ impl Contents {
         let voxels = Voxels::U16(layer.voxels.iter().map(number).collect());
         volume_of(folder, &entry, window, voxels, Rescale::IDENTITY, warnings)
     }
-}
-
-fn no_choice(folder: &Path, what: &str, entries: &[Entry]) -> Error {
-    let shown: Vec<_> = entries.iter().take(6).map(|e| e.key.clone()).collect();
-    let more = if entries.len() > shown.len() { ", …" } else { "" };
-    Error::file(folder, format!("{what}: {}{more}", shown.join(", ")), "choose one by this name")
 }
 
 /// Which members are masks, or why that cannot be seen. The middle slice is read of every file that is larger than

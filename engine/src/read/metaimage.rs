@@ -112,6 +112,7 @@ impl Opened {
             num_frames: usize::try_from(num_frames).unwrap_or(usize::MAX),
             num_files,
             is_labels: false,
+            is_localizer: false,
         };
         let rescale = if is_color { Rescale::IDENTITY } else { header.rescale(path, &mut warnings)? };
         let endian = header.endian(path)?;

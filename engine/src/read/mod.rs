@@ -79,6 +79,8 @@ pub struct Entry {
     pub num_files: usize,
     /// Whether the file says that its numbers are names of structures.
     pub is_labels: bool,
+    /// Whether the file says that it only shows where others lie.
+    pub is_localizer: bool,
 }
 
 impl Entry {
@@ -166,7 +168,7 @@ pub fn read_volume(path: &Path, options: &ReadOptions, progress: &Progress) -> R
     progress.check()?;
     let reader = reader_for(path, options)?;
     let entries = reader.survey(path, options, progress)?;
-    let (entry, note) = choose(path, &entries, options.series.as_deref())?;
+    let (entry, note) = choose(path, &entries, options.series.as_deref(), options.labels_as_colors)?;
     options.limits.check(path, entry, options)?;
     let series = (entries.len() > 1).then(|| entry.key.clone());
     let options = &ReadOptions { series, ..options.clone() };
@@ -180,33 +182,37 @@ pub fn read_volume(path: &Path, options: &ReadOptions, progress: &Progress) -> R
     Ok(volume)
 }
 
-/// The entry that `series` names (see [`ReadOptions::series`]); without it the only one, or the only one that is more than a few
-/// slices, with a note about the others.
+/// The entry that `series` names (see [`ReadOptions::series`]), whatever case it is in. Without it the only one; or of volumes
+/// the only one that is no label map, no localizer and more than a few slices, with a note about the others; or, if `of_labels`,
+/// the only label map.
 ///
 /// # Errors
 /// [`Error::Several`] if there is more than one to choose from, [`Error::File`] if none is meant.
-pub fn choose<'a>(path: &Path, entries: &'a [Entry], series: Option<&str>) -> Result<(&'a Entry, Option<String>)> {
-    /// Localizers and single pictures have fewer slices.
-    const MIN_SLICES: usize = 4;
+pub fn choose<'a>(
+    path: &Path,
+    entries: &'a [Entry],
+    series: Option<&str>,
+    of_labels: bool,
+) -> Result<(&'a Entry, Option<String>)> {
+    /// Single pictures have fewer slices.
+    const MIN_SLICES: usize = 3;
     let several = || Error::Several { path: path.to_owned(), entries: entries.to_vec() };
     let Some(wanted) = series.map(str::trim) else {
-        let [only] = entries else {
-            let mut volumes = entries.iter().filter(|e| e.grid.dims().iter().all(|n| *n >= MIN_SLICES));
-            return match (volumes.next(), volumes.next()) {
-                (Some(only), None) => {
-                    let n = entries.len() - 1;
-                    let others =
-                        if n == 1 { "1 other series lies".to_owned() } else { format!("{n} other series lie") };
-                    Ok((only, Some(format!("{others} beside it, of single pictures or few slices."))))
-                }
-                _ => Err(several()),
-            };
-        };
-        return Ok((only, None));
+        if let [only] = entries {
+            return Ok((only, None));
+        }
+        let is_volume = |e: &Entry| !e.is_localizer && e.grid.dims().iter().all(|n| *n >= MIN_SLICES);
+        let mut fit = entries.iter().filter(|e| if of_labels { e.is_labels } else { !e.is_labels && is_volume(e) });
+        let (Some(only), None) = (fit.next(), fit.next()) else { return Err(several()) };
+        let n = entries.len() - 1;
+        let others = if n == 1 { "1 other series was".to_owned() } else { format!("{n} other series were") };
+        let note = format!("{others} left out: label maps, localizers, single pictures or few slices.");
+        return Ok((only, Some(note).filter(|_| !of_labels)));
     };
     if let Some(exact) = entries.iter().find(|e| e.key == wanted) {
         return Ok((exact, None));
     }
+    // Before names: whoever takes a number from the list does not mean a digit of a name.
     if let Some(numbered) = wanted.parse::<usize>().ok().and_then(|n| entries.get(n.checked_sub(1)?)) {
         return Ok((numbered, None));
     }
@@ -214,8 +220,14 @@ pub fn choose<'a>(path: &Path, entries: &'a [Entry], series: Option<&str>) -> Re
     let mut meant = entries.iter().filter(|e| [&e.key, &e.title].iter().any(|t| t.to_lowercase().contains(&lower)));
     match (meant.next(), meant.next()) {
         (Some(only), None) => Ok((only, None)),
-        (Some(_), Some(_)) => Err(several()),
+        (Some(first), Some(second)) => {
+            let wanted: String = wanted.chars().take(60).collect();
+            let (a, b) = (first.in_words(), second.in_words());
+            let what = format!("\"{wanted}\" is a part of the names of several series: {a}; {b}");
+            Err(Error::file(path, what, "give more of the name, or its number in the list of `fabrica inspect`"))
+        }
         (None, _) => {
+            let wanted: String = wanted.chars().take(60).collect();
             let what = format!("there is no series \"{wanted}\" among its {}", entries.len());
             Err(Error::file(path, what, "list them with `fabrica inspect`, and give a number or a part of the name"))
         }
@@ -242,7 +254,11 @@ pub fn survey(path: &Path, options: &ReadOptions, progress: &Progress) -> Result
 /// As [`read_volume`], and for voxels that are no integers.
 pub fn read_labels(path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
     progress.check()?;
-    reader_for(path, options)?.read_labels(path, options, progress)
+    let reader = reader_for(path, options)?;
+    let entries = reader.survey(path, options, progress)?;
+    let (entry, _) = choose(path, &entries, options.series.as_deref(), true)?;
+    let series = (entries.len() > 1).then(|| entry.key.clone());
+    reader.read_labels(path, &ReadOptions { series, ..options.clone() }, progress)
 }
 
 fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeReader> {
@@ -535,24 +551,26 @@ mod tests {
             num_frames: 1,
             num_files: slices,
             is_labels: false,
+            is_localizer: false,
         };
         let path = Path::new("a");
         let entries = [entry("Scout", 1), entry("Abdomen 5.0", 60), entry("Abdomen 2.0", 150)];
-        let chosen = |series: &str| choose(path, &entries, Some(series)).map(|(e, _)| e.title.clone());
+        let chosen = |series: &str| choose(path, &entries, Some(series), false).map(|(e, _)| e.title.clone());
         assert_eq!(chosen("Abdomen 5.0, 60").unwrap(), "Abdomen 5.0");
         assert_eq!(chosen("3").unwrap(), "Abdomen 2.0");
         assert_eq!(chosen(" scout").unwrap(), "Scout");
         let error = chosen("abdomen").unwrap_err().to_string();
-        assert!(
-            error.contains("it holds 3 volumes: 1: CT Scout, 8 x 8 x 1, 1 x 1 x 1 mm; 2: CT Abdomen 5.0"),
-            "{error}"
-        );
+        assert!(error.contains("a part of the names of several series: CT Abdomen 5.0, 8 x 8 x 60"), "{error}");
         assert!(chosen("4").unwrap_err().to_string().contains("there is no series \"4\" among its 3"));
-        assert!(matches!(choose(path, &entries, None), Err(Error::Several { .. })));
-        let (only, note) = choose(path, &entries[..2], None).unwrap();
+        let error = choose(path, &entries, None, false).unwrap_err().to_string();
+        assert!(error.contains("it holds 3 volumes: 1: CT Scout, 8 x 8 x 1, 1 x 1 x 1 mm; 2: CT Abdomen"), "{error}");
+        let (only, note) = choose(path, &entries[..2], None, false).unwrap();
         assert_eq!(only.title, "Abdomen 5.0");
-        assert_eq!(note.unwrap(), "1 other series lies beside it, of single pictures or few slices.");
-        assert_eq!(choose(path, &entries[..1], None).unwrap().0.title, "Scout");
+        assert_eq!(
+            note.unwrap(),
+            "1 other series was left out: label maps, localizers, single pictures or few slices."
+        );
+        assert_eq!(choose(path, &entries[..1], None, false).unwrap().0.title, "Scout");
     }
 
     #[test]

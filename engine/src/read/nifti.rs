@@ -156,6 +156,7 @@ impl Opened {
             num_files: 1 + usize::from(header.is_pair),
             is_labels: matches!(content, Content::Number(_))
                 && (label_table.is_some() || labels::is_intent(&header, &head)),
+            is_localizer: false,
         };
         Ok(Self { header, entry, content, data_path, data_start, source, warnings, rescale, label_table })
     }

@@ -152,6 +152,7 @@ impl Opened {
             num_frames: usize::try_from(num_frames).unwrap_or(usize::MAX),
             num_files: 1,
             is_labels: false,
+            is_localizer: false,
         };
         Ok(Self { entry, kind, is_complex, endian, source, warnings })
     }

@@ -131,6 +131,7 @@ impl Opened {
             },
             num_files: num_data_files + usize::from(is_detached),
             is_labels: !header.keys.is_empty(),
+            is_localizer: false,
         };
         let keys = header.keys;
         Ok(Self { entry, axes, element, encoding, endian, data_path, skipped, source, num_channels, warnings, keys })

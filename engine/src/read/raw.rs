@@ -51,7 +51,7 @@ impl RawLayout {
             <[u64; 3]>::try_from(edges?).ok()
         })?;
         // The type may hang on the sizes: 256x256x128xuint8.
-        let named = words().chain(name.split('x')).find_map(element_type);
+        let named = name.split(['_', '-', '.', ' ', '(', ')', 'x']).find_map(element_type);
         let by_size = || {
             [ElementType::U8, ElementType::U16, ElementType::F32]
                 .into_iter()
@@ -221,6 +221,7 @@ fn open<'a>(path: &Path, options: &'a ReadOptions) -> Result<(Entry, &'a RawLayo
         num_frames: 1,
         num_files: 1,
         is_labels: false,
+        is_localizer: false,
     };
     Ok((entry, layout, source))
 }

@@ -54,9 +54,15 @@ impl VolumeReader for DicomReader {
         if head.is_empty() { path.is_dir() && folder::has_dicom(path) } else { file::is_dicom(head) }
     }
 
-    fn survey(&self, path: &Path, _options: &ReadOptions, progress: &Progress) -> Result<Vec<Entry>> {
+    fn survey(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<Entry>> {
         let opened = Opened::open(path, progress)?;
-        if opened.found.stacks.is_empty() {
+        if let Some(error) = options.series.as_deref().and_then(|wanted| opened.fault_of(wanted)) {
+            return Err(error);
+        }
+        // A scout view does not stand for the series that it was made for.
+        let is_more = |s: &Stack| s.segmentation.is_some() || (!s.entry.is_localizer && s.entry.grid.dims()[2] > 2);
+        let has_more = opened.found.stacks.iter().any(is_more);
+        if opened.found.stacks.is_empty() || (!has_more && !opened.found.faults.is_empty() && !opened.is_file) {
             return Err(opened.fault(path));
         }
         Ok(opened.found.stacks.into_iter().map(|s| s.entry).collect())
@@ -64,7 +70,7 @@ impl VolumeReader for DicomReader {
 
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
         let opened = Opened::open(path, progress)?;
-        let (index, mut notes) = opened.choose(path, options, false)?;
+        let (index, mut notes) = opened.choose(path, options)?;
         let stack = &opened.found.stacks[index];
         check_frame(path, options.frame, stack.entry.num_frames)?;
         let window = options.window.on(path, stack.entry.grid.dims())?;
@@ -80,7 +86,7 @@ impl VolumeReader for DicomReader {
 
     fn read_labels(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Vec<LabelMap>> {
         let opened = Opened::open(path, progress)?;
-        let (index, _) = opened.choose(path, options, true)?;
+        let (index, _) = opened.choose(path, options)?;
         let stack = &opened.found.stacks[index];
         if let Some(file) = stack.segmentation {
             return segmentation::layers(&opened.files[file], options.window, progress);
@@ -142,8 +148,8 @@ impl Opened {
         Ok(Self { files, found, is_file: true })
     }
 
-    /// The stack that the caller means, and what to say about the choice.
-    fn choose(&self, path: &Path, options: &ReadOptions, is_for_labels: bool) -> Result<(usize, Vec<String>)> {
+    /// The stack of the entry that was chosen, and what to say about the others that are not in the survey.
+    fn choose(&self, path: &Path, options: &ReadOptions) -> Result<(usize, Vec<String>)> {
         let stacks = &self.found.stacks;
         let mut notes = Vec::new();
         if !self.found.damaged.is_empty() {
@@ -152,88 +158,26 @@ impl Opened {
                 if n == 1 { "1 damaged DICOM file was".to_owned() } else { format!("{n} damaged DICOM files were") };
             notes.push(format!("{files} left out."));
         }
-        if let Some(wanted) = options.series.as_deref() {
-            return Ok((self.named(path, wanted)?, notes));
-        }
         let num_refused = self.found.faults.len();
         if num_refused > 0 {
             let series = if num_refused == 1 { "1 series was" } else { "Several series were" };
             notes.push(format!("{series} left out, as no volume can be made of it: {}.", self.fault(path)));
         }
-        let is_fit = |s: &Stack| if is_for_labels { s.segmentation.is_some() } else { s.is_volume() };
-        let fit: Vec<usize> = (0..stacks.len()).filter(|&i| is_fit(&stacks[i])).collect();
-        if let [only] = fit[..] {
-            let n = stacks.len() - 1;
-            let others =
-                if n == 1 { "1 other series or picture".to_owned() } else { format!("{n} other series or pictures") };
-            if n > 0 {
-                notes.push(format!("{others} beside it were left out."));
-            }
-            return Ok((only, notes));
-        }
-        // A scout view does not stand for the series that it was made for.
-        if stacks.is_empty() || (fit.is_empty() && num_refused > 0 && !self.is_file) {
-            return Err(self.fault(path));
-        }
-        if let [_] = stacks[..] {
-            return Ok((0, notes));
-        }
-        Err(Error::file(
-            path,
-            format!("it holds {} series: {}", stacks.len(), self.listing()),
-            "choose one with --series (its number, or a part of its description)",
-        ))
+        let index = match options.series.as_deref() {
+            Some(key) => stacks.iter().position(|s| s.entry.key == key),
+            None => Some(0).filter(|_| stacks.len() == 1),
+        };
+        Ok((index.ok_or_else(|| self.fault(path))?, notes))
     }
 
-    fn named(&self, path: &Path, wanted: &str) -> Result<usize> {
-        let stacks = &self.found.stacks;
-        if let Some(i) = stacks.iter().position(|s| s.entry.key == wanted) {
-            return Ok(i);
+    /// Why no volume can be made of the series that is called so, if none can.
+    fn fault_of(&self, wanted: &str) -> Option<Error> {
+        let part = wanted.trim().to_lowercase();
+        let has_part = |text: &str| !part.is_empty() && text.to_lowercase().contains(&part);
+        if self.found.stacks.iter().any(|s| has_part(&s.entry.key) || has_part(&s.entry.title)) {
+            return None;
         }
-        // Before descriptions: whoever reads the numbered list and takes a number does not mean a digit of a description.
-        if let Ok(number @ 1..) = wanted.parse::<usize>()
-            && number <= stacks.len()
-        {
-            return Ok(number - 1);
-        }
-        let part = wanted.to_lowercase();
-        let with_part: Vec<usize> = (0..stacks.len())
-            .filter(|&i| !part.is_empty() && stacks[i].entry.title.to_lowercase().contains(&part))
-            .collect();
-        match with_part[..] {
-            [only] => return Ok(only),
-            [] => {}
-            _ => {
-                return Err(Error::file(
-                    path,
-                    format!("{} series have `{wanted}` in their description: {}", with_part.len(), self.listing()),
-                    "choose one by its number",
-                ));
-            }
-        }
-        // It may be one that makes no volume.
-        let faults = &self.found.faults;
-        if let Some((_, error)) = faults.iter().find(|(t, _)| !part.is_empty() && t.to_lowercase().contains(&part)) {
-            return Err(copy_of(error));
-        }
-        let listing = if stacks.is_empty() { "none".to_owned() } else { self.listing() };
-        Err(Error::file(
-            path,
-            format!("no series is called `{wanted}`: there are {listing}"),
-            "choose one with --series (its number, or a part of its description)",
-        ))
-    }
-
-    /// The first few series, for a sentence.
-    fn listing(&self) -> String {
-        const MAX_LISTED: usize = 8;
-        let stacks = &self.found.stacks;
-        let mut names: Vec<String> =
-            (1..).zip(stacks).take(MAX_LISTED).map(|(i, s)| format!("{i}. {}", s.entry.key)).collect();
-        if stacks.len() > MAX_LISTED {
-            names.push(format!("and {} more", stacks.len() - MAX_LISTED));
-        }
-        names.join(", ")
+        self.found.faults.iter().find(|(title, _)| has_part(title)).map(|(_, error)| copy_of(error))
     }
 
     /// Why there is nothing to read.

@@ -55,6 +55,7 @@ pub fn stack_of(index: usize, file: &DicomFile, image: &Image) -> Result<Stack> 
         num_frames: 1,
         num_files: 1,
         is_labels: true,
+        is_localizer: false,
     };
     let world_from_index = layout.grid.world_from_index();
     let slices = Arranged { frames: Vec::new(), planes: Vec::new(), world_from_index, warnings: Vec::new() };

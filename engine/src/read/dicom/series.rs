@@ -28,17 +28,8 @@ pub struct Stack {
     order: (f64, String),
     /// DICOM's code of the modality, for the key.
     code: String,
-    /// Whether it says that it is a scout view.
-    pub is_localizer: bool,
     /// The segmentation that it is, by the number of its file.
     pub segmentation: Option<usize>,
-}
-
-impl Stack {
-    /// Whether it is more than a few pictures.
-    pub fn is_volume(&self) -> bool {
-        !self.is_localizer && self.segmentation.is_none() && self.entry.grid.dims().iter().all(|n| *n >= 3)
-    }
 }
 
 /// Slices that agree in all that a volume needs them to.
@@ -180,8 +171,8 @@ fn stack(path: &Path, image: &Image, mut slices: Arranged) -> Result<Stack> {
         num_frames: slices.frames.len(),
         num_files: files.len(),
         is_labels: false,
+        is_localizer: slices.frames.iter().flatten().all(|s| s.is_localizer),
     };
-    let is_localizer = slices.frames.iter().flatten().all(|s| s.is_localizer);
     Ok(Stack {
         entry,
         format,
@@ -189,7 +180,6 @@ fn stack(path: &Path, image: &Image, mut slices: Arranged) -> Result<Stack> {
         target,
         order: (image.series_number, image.series_uid.clone()),
         code: image.modality_code.clone(),
-        is_localizer,
         segmentation: None,
     })
 }
@@ -203,7 +193,6 @@ pub fn segmentation_stack(index: usize, image: &Image, entry: Entry, slices: Arr
         target: Target::labels(),
         order: (image.series_number, image.series_uid.clone()),
         code: "SEG".to_owned(),
-        is_localizer: false,
         segmentation: Some(index),
     }
 }

@@ -207,6 +207,7 @@ impl Stack {
             num_frames: usize::try_from(num_frames).unwrap_or(usize::MAX),
             num_files: 1,
             is_labels: false,
+            is_localizer: false,
         };
         if is_contiguous {
             pages.truncate(1);

@@ -362,7 +362,7 @@ impl Editor {
         match wanted {
             None => {}
             Some(properties::Wanted::Command(command)) => self.run(&ctx, command),
-            Some(properties::Wanted::Reading(number, slot)) => self.fill_with(&ctx, number, slot, self.limits),
+            Some(properties::Wanted::Reading(number, slot)) => self.fill_with(&ctx, number, *slot, self.limits),
         }
     }
 

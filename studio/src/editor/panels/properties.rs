@@ -85,7 +85,7 @@ pub enum Wanted {
     /// A command of the window.
     Command(UiCommand),
     /// Slot number so-and-so read in another way.
-    Reading(usize, VolumeSlot),
+    Reading(usize, Box<VolumeSlot>),
 }
 
 /// The panel, and what is asked for in it.
@@ -238,7 +238,7 @@ fn source(ui: &mut Ui, open: &OpenFigure) -> Option<Wanted> {
                 ui.label(theme::small(ui.ctx(), line));
             }
             if let Some((number, slot)) = slot.filter(|_| volume.num_frames > 1) {
-                wanted = frame(ui, slot, volume.num_frames).map(|slot| Wanted::Reading(number, slot));
+                wanted = frame(ui, slot, volume.num_frames).map(|slot| Wanted::Reading(number, Box::new(slot)));
             }
             for warning in &volume.warnings {
                 ui.add(egui::Label::new(theme::small(ui.ctx(), warning)).wrap());

@@ -36,13 +36,18 @@ fn several_series_are_listed_and_one_is_chosen() {
         ["CT Soft 3.0 4x3x5 1.50x2.25x0.75", "CT Bone 1.0 5x4x3 0.75x1.50x2.25", "CT Bone 1.0 4x3x5 1.50x2.25x0.75"]
     );
     let error = read(folder.path()).unwrap_err().to_string();
-    assert!(error.contains("it holds 3 series: 1. CT Soft 3.0") && error.contains("--series"), "{error}");
+    assert!(error.contains("it holds 3 volumes: 1: CT Soft 3.0") && error.contains("--series"), "{error}");
     for wanted in ["1", "soft", keys[0], keys[1], keys[2], "3"] {
         Phantom::assert_in_world(&choose(&folder, wanted).unwrap());
     }
     assert_eq!(choose(&folder, "SOFT").unwrap().description, "Soft 3.0");
-    assert!(choose(&folder, "bone").unwrap_err().to_string().contains("2 series have `bone` in their description"));
-    assert!(choose(&folder, "lung").unwrap_err().to_string().contains("no series is called `lung`"));
+    assert!(
+        choose(&folder, "bone")
+            .unwrap_err()
+            .to_string()
+            .contains("\"bone\" is a part of the names of several series: CT Bone 1.0")
+    );
+    assert!(choose(&folder, "lung").unwrap_err().to_string().contains("there is no series \"lung\" among its 3"));
     assert!(choose(&folder, "4").is_err());
 }
 
@@ -71,7 +76,10 @@ fn scout_views_and_copies_do_not_get_in_the_way() {
     Phantom::assert_in_world(&volume);
     assert_eq!(
         volume.warnings,
-        ["1 damaged DICOM file was left out.", "1 other series or picture beside it were left out."]
+        [
+            "1 damaged DICOM file was left out.",
+            "1 other series was left out: label maps, localizers, single pictures or few slices."
+        ]
     );
 }
 
