@@ -152,7 +152,7 @@ impl VolumeChoice {
         if self.layout.is_some() {
             fault = self.show_layout(ui);
         }
-        let mut accepted = self.entries.len() > 1 && self.list(ui);
+        let mut accepted = self.entries.len() > 1 && self.list(ui, !is_typing);
         if let Some(num_frames) = self.entry().map(|e| e.num_frames).filter(|n| *n > 1) {
             ui.horizontal(|ui| {
                 let mut number = self.frame.min(num_frames - 1) + 1;
@@ -207,10 +207,13 @@ impl VolumeChoice {
     }
 
     /// The volumes to choose from; whether one was taken at once.
-    fn list(&mut self, ui: &mut Ui) -> bool {
+    fn list(&mut self, ui: &mut Ui, has_keys: bool) -> bool {
         let previews = self.previews.get_or_insert_with(|| Previews::start(ui.ctx(), &self.path, &self.entries));
         previews.poll(ui.ctx());
-        let mut clicked = None;
+        let pressed = |key| has_keys && ui.input(|i| i.key_pressed(key));
+        let (up, down) = (pressed(egui::Key::ArrowUp), pressed(egui::Key::ArrowDown));
+        let next = (self.chosen + usize::from(down)).saturating_sub(usize::from(up)).min(self.entries.len() - 1);
+        let mut clicked = Some(next).filter(|_| up || down);
         let mut taken = false;
         ScrollArea::vertical().max_height(300.0).auto_shrink([false, true]).show(ui, |ui| {
             for (i, entry) in self.entries.iter().enumerate() {
@@ -220,6 +223,9 @@ impl VolumeChoice {
                     row(ui, i == self.chosen, &named, entry, previews.textures.get(i).and_then(Option::as_ref));
                 if response.clicked() {
                     clicked = Some(i);
+                }
+                if (up || down) && i == next {
+                    response.scroll_to_me(None);
                 }
                 taken |= response.double_clicked();
             }
