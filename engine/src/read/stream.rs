@@ -268,7 +268,10 @@ impl Read for ByteSource {
 
 fn open_buffered(path: &Path) -> Result<BufReader<File>> {
     let file = File::open(path).map_err(|e| Error::io(path, &e))?;
-    Ok(BufReader::with_capacity(INPUT_BUFFER_BYTES, file))
+    // Folders of masks have hundreds of small files.
+    let length = file.metadata().map_or(u64::MAX, |m| m.len());
+    let capacity = usize::try_from(length).unwrap_or(usize::MAX).clamp(1 << 12, INPUT_BUFFER_BYTES);
+    Ok(BufReader::with_capacity(capacity, file))
 }
 
 /// The members of a gzip file, one after the other; what follows the last one (tape padding) is ignored as

@@ -95,6 +95,7 @@ const SEQUENCES: &[Tag] = &[
     tags::SEGMENT_SEQUENCE,
     tags::SEGMENT_IDENTIFICATION_SEQUENCE,
     tags::SEGMENTED_PROPERTY_TYPE_CODE_SEQUENCE,
+    tags::SEGMENTED_PROPERTY_TYPE_MODIFIER_CODE_SEQUENCE,
 ];
 
 /// Whether the reader knows an element, and if so whether it is a sequence.

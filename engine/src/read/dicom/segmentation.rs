@@ -9,7 +9,7 @@ use dicom_dictionary_std::tags;
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
-use super::elements::Charset;
+use super::elements::{Charset, Elements};
 use super::file::DicomFile;
 use super::frames::Frames;
 use super::geometry::{Arranged, ras};
@@ -19,6 +19,7 @@ use super::slices::{Slice, slices_of};
 use crate::color::srgb8_from_linear;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::read::label_table::code_of;
 use crate::read::stream::reserve;
 use crate::read::window::Window;
 use crate::read::{Entry, grid_of, window_labels};
@@ -316,10 +317,16 @@ fn labels(file: &DicomFile) -> Vec<Label> {
                 _ => distinct_color(id),
             };
             let kind = item.item(tags::SEGMENTED_PROPERTY_TYPE_CODE_SEQUENCE);
-            let code = kind.and_then(|kind| {
-                let value = kind.word(tags::CODE_VALUE).or_else(|| kind.word(tags::LONG_CODE_VALUE))?;
-                Some(format!("{}:{value}", kind.word(tags::CODING_SCHEME_DESIGNATOR)?))
-            });
+            // Which side it is on, for one.
+            let modifier = kind.and_then(|kind| kind.item(tags::SEGMENTED_PROPERTY_TYPE_MODIFIER_CODE_SEQUENCE));
+            let concept = |code: Option<&Elements>| {
+                let code = code?;
+                let value = code.word(tags::CODE_VALUE).or_else(|| code.word(tags::LONG_CODE_VALUE))?;
+                Some((code.word(tags::CODING_SCHEME_DESIGNATOR)?, value))
+            };
+            let words = [concept(kind), concept(modifier)].map(Option::unwrap_or_default);
+            let [kind, modifier] = words.each_ref().map(|(scheme, value)| (scheme.as_str(), value.as_str()));
+            let code = code_of(kind, modifier);
             Some(Label { id, name, color, code })
         })
         .collect();

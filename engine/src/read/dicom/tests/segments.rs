@@ -44,6 +44,13 @@ pub fn segmentation() -> Object {
             let code = item(|c| {
                 text(c, tags::CODE_VALUE, VR::SH, "10200004");
                 text(c, tags::CODING_SCHEME_DESIGNATOR, VR::SH, "SCT");
+                let side = item(|m| {
+                    text(m, tags::CODE_VALUE, VR::SH, "7771000");
+                    text(m, tags::CODING_SCHEME_DESIGNATOR, VR::SH, "SCT");
+                });
+                if number == 2 {
+                    items(c, tags::SEGMENTED_PROPERTY_TYPE_MODIFIER_CODE_SEQUENCE, vec![side]);
+                }
             });
             items(s, tags::SEGMENTED_PROPERTY_TYPE_CODE_SEQUENCE, vec![code]);
             let lab = PrimitiveValue::U16(vec![65_535, 0x8080, 0x8080].into());
@@ -99,6 +106,7 @@ fn structures_that_overlap_are_layers_and_the_rest_is_where_it_is() {
         );
         let liver = &layers[0].labels[1];
         assert_eq!(liver.code.as_deref(), Some("SCT:10200004"));
+        assert_eq!(layers[1].labels[1].code.as_deref(), Some("SCT:10200004+SCT:7771000"), "which side is lost");
         assert!(liver.color.iter().all(|c| *c >= 253), "{:?}", liver.color);
     }
 }
