@@ -564,6 +564,10 @@ fn nothing_that_identifies_a_patient_leaves_the_header() {
             std::fs::write(folder.join(format!("{number}.dcm")), bytes).unwrap();
         }
     }
+    // One slice stands for its series, and its name is nobody's business.
+    let output = place.run(&["template", "study/1/3.dcm", "--out", "slice.json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(json_file(&place.path("slice.json"))["volumes"][0]["file"], "study/1");
     let mut said = Vec::new();
     for arguments in [
         vec!["inspect", "study"],

@@ -602,16 +602,22 @@ fn plain_voxels_ask_for_their_layout_which_the_name_may_tell() {
     settle(&mut harness);
     assert!(harness.query_by_label("How do the voxels lie?").is_some());
     assert!(harness.unnamed_widgets().is_empty());
-    // What cannot be is said at once, and nothing can be opened.
-    click_on(&mut harness, "Layout");
+    // What cannot be is said at once, and nothing can be opened. The field is where typing goes.
     harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
     harness.event(Event::Text("16x16xuint8".to_owned()));
     harness.step();
     assert!(harness.query_by_label_contains("has no three sizes").is_some());
     harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    harness.event(Event::Text("16x16x40xuint8".to_owned()));
+    harness.step();
+    assert!(harness.query_by_label_contains("the layout needs 10240 bytes, but the file has 4096").is_some());
+    harness.key_press(Key::Enter);
+    harness.step();
+    assert!(harness.query_by_label("How do the voxels lie?").is_some());
+    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
     harness.event(Event::Text("16x16x16xuint8,2".to_owned()));
     harness.step();
-    click_on(&mut harness, "Open");
+    harness.key_press(Key::Enter);
     settle(&mut harness);
     assert_eq!(editor(&harness).banner(), None);
     assert_eq!(figure(&harness).volumes[0].raw.as_deref(), Some("16x16x16xuint8,2x2x2,little"));

@@ -127,7 +127,10 @@ impl Display for TooLarge {
             }
         }
         let [rx, ry, rz] = self.fitting.reduce;
-        let [hx, hy, hz] = self.entry.grid.dims().map(|n| n.div_ceil(2));
+        // A box of the same shape that fits, from the beginning.
+        let share = self.limits.bytes.map_or(1.0, |bytes| bytes as f64 / self.cost.total() as f64).min(1.0).cbrt();
+        let longest = self.limits.edge.unwrap_or(usize::MAX);
+        let [hx, hy, hz] = self.dims.map(|n| ((n as f64 * share) as usize).clamp(1, longest));
         let path = self.path.display();
         write!(f, "; reduce it with --reduce {rx}x{ry}x{rz}, or crop it, as in --crop 0:{hx}x0:{hy}x0:{hz} ({path})")
     }
@@ -184,6 +187,17 @@ mod tests {
         // Nothing admits anything, and the search ends all the same.
         let one_voxel = fit(Limits { bytes: Some(1), edge: Some(0) }, &entry([7, 5, 3], [1.0; 3]));
         assert_eq!(Window { crop: None, reduce: one_voxel }.on(path, [7, 5, 3]).unwrap().num_voxels(), 1);
+    }
+
+    #[test]
+    fn the_crop_that_is_proposed_fits() {
+        let scan = entry([5000, 5000, 4000], [1.0; 3]);
+        let limits = Limits { bytes: Some(23_000_000_000), edge: Some(2048) };
+        let error = limits.check(Path::new("a"), &scan, &ReadOptions::default()).unwrap_err().to_string();
+        let proposed = error.split("--crop ").nth(1).unwrap().split(' ').next().unwrap();
+        let crop: Vec<_> = proposed.split('x').map(|r| [0, r.trim_start_matches("0:").parse().unwrap()]).collect();
+        let window = Window { crop: Some(crop.try_into().unwrap()), ..Window::default() };
+        assert!(limits.admit(&scan, &window.on(Path::new("a"), [5000, 5000, 4000]).unwrap()), "{error}");
     }
 
     #[test]

@@ -213,8 +213,12 @@ pub fn choose<'a>(
         return Ok((exact, None));
     }
     // Before names: whoever takes a number from the list does not mean a digit of a name.
-    if let Some(numbered) = wanted.parse::<usize>().ok().and_then(|n| entries.get(n.checked_sub(1)?)) {
-        return Ok((numbered, None));
+    if let Ok(number) = wanted.parse::<usize>() {
+        let numbered = number.checked_sub(1).and_then(|i| entries.get(i));
+        return numbered.map(|entry| (entry, None)).ok_or_else(|| {
+            let what = format!("there is no series {number}: it holds {}", entries.len());
+            Error::file(path, what, "list them with `fabrica inspect`")
+        });
     }
     let lower = wanted.to_lowercase();
     let mut meant = entries.iter().filter(|e| [&e.key, &e.title].iter().any(|t| t.to_lowercase().contains(&lower)));
@@ -265,6 +269,10 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
     let metadata = std::fs::metadata(path).map_err(|e| Error::io(path, &e))?;
     if metadata.is_dir() {
         return READERS.iter().copied().find(|r| r.recognizes(path, &[])).ok_or_else(|| {
+            let is_empty = std::fs::read_dir(path).is_ok_and(|mut files| files.next().is_none());
+            if is_empty {
+                return Error::file(path, "the folder is empty", "name a folder with a scan in it");
+            }
             Error::file(path, "this is a folder without a volume that Fabrica knows", "name a file in it")
         });
     }
@@ -561,7 +569,7 @@ mod tests {
         assert_eq!(chosen(" scout").unwrap(), "Scout");
         let error = chosen("abdomen").unwrap_err().to_string();
         assert!(error.contains("a part of the names of several series: CT Abdomen 5.0, 8 x 8 x 60"), "{error}");
-        assert!(chosen("4").unwrap_err().to_string().contains("there is no series \"4\" among its 3"));
+        assert!(chosen("4").unwrap_err().to_string().contains("there is no series 4: it holds 3"));
         let error = choose(path, &entries, None, false).unwrap_err().to_string();
         assert!(error.contains("it holds 3 volumes: 1: CT Scout, 8 x 8 x 1, 1 x 1 x 1 mm; 2: CT Abdomen"), "{error}");
         let (only, note) = choose(path, &entries[..2], None, false).unwrap();

@@ -39,6 +39,14 @@ impl RawLayout {
         self.spacing_mm
     }
 
+    /// What is wrong with it for the file at `path`, as a clause; a compressed file is known to fit only when it is read.
+    pub fn misfit(&self, path: &Path) -> Option<String> {
+        let length = std::fs::metadata(path).ok()?.len();
+        let size = stream::size_bytes(&self.dims, self.element)?;
+        let is_compressed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
+        (size != length && !is_compressed).then(|| format!("the layout needs {size} bytes, but the file has {length}"))
+    }
+
     /// The layout that the name of a file speaks of ("engine_256x256x128_uint8.raw"), if it fits the file's size. Without a
     /// type in the name, the integers of that many bytes.
     pub fn guess(path: &Path) -> Option<Self> {

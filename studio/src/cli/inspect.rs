@@ -109,14 +109,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let (true, VolumeSource::Path(path)) = (arguments.list, &source) {
         let entries = read::survey(path, &options, &progress)?;
         drop(bar);
-        return survey::print(&entries, arguments.json);
+        return survey::print(&entries, options.window, arguments.json);
     }
     let volume = match source.load(&options, &progress) {
         // Who asks what is there gets to see it.
         Err(error) => match error.downcast_ref() {
             Some(Error::Several { entries, .. }) => {
                 drop(bar);
-                return survey::print(entries, arguments.json);
+                return survey::print(entries, options.window, arguments.json);
             }
             _ => return Err(error),
         },
@@ -144,7 +144,7 @@ fn report(volume: &Volume, statistics: &Statistics) -> Report {
         obliquity_deg: grid.obliquity_deg(),
         left_handed: grid.is_left_handed(),
         world_from_index: [row(0), row(1), row(2)],
-        datatype: volume.voxels.type_name(),
+        datatype: if volume.colors.is_some() { "colors" } else { volume.voxels.type_name() },
         rescale_slope: volume.rescale.slope,
         rescale_intercept: volume.rescale.intercept,
         bytes: volume.num_bytes(),

@@ -1,4 +1,4 @@
-//! `fabrica inspect --list`: what a file or folder offers, and what it would take, from headers alone.
+//! `fabrica inspect --list`: what a file or folder offers, and what it, or a part of it, would take, from headers alone.
 
 use anyhow::Result;
 use fabrica_engine::read::Entry;
@@ -35,8 +35,8 @@ struct Row<'a> {
 ///
 /// # Errors
 /// Only if the terminal is gone.
-pub fn print(entries: &[Entry], json: bool) -> Result<()> {
-    let rows: Vec<_> = (1..).zip(entries).map(|(number, entry)| row(number, entry)).collect();
+pub fn print(entries: &[Entry], window: Window, json: bool) -> Result<()> {
+    let rows: Vec<_> = (1..).zip(entries).map(|(number, entry)| row(number, entry, window)).collect();
     if json {
         return print_line(&serde_json::to_string_pretty(&rows)?);
     }
@@ -66,9 +66,11 @@ fn plural(n: usize, noun: &str) -> String {
     if n == 1 { format!("1 {noun}") } else { format!("{n} {noun}s") }
 }
 
-fn row(number: usize, entry: &Entry) -> Row<'_> {
-    // The whole is a part of every volume.
-    let cost = Window::default().on(std::path::Path::new(""), entry.grid.dims()).map(|whole| entry.cost(&whole));
+fn row(number: usize, entry: &Entry, window: Window) -> Row<'_> {
+    // A crop that is no part of this volume asks about others.
+    let part = window.on(std::path::Path::new(""), entry.grid.dims());
+    let part = part.or_else(|_| Window::default().on(std::path::Path::new(""), entry.grid.dims()));
+    let cost = part.map(|part| entry.cost(&part));
     let (bytes, adapter_bytes) = cost.map_or((0, 0), |c| (c.voxels, c.adapter));
     Row {
         number,

@@ -37,8 +37,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for warning in &volume.warnings {
         say!("warning: {warning}");
     }
-    if let VolumeSource::Path(path) = &source {
-        figure.volumes[0].file = name_in_template(path, out)?;
+    if let VolumeSource::Path(_) = &source {
+        // The first look may name the folder of a slice.
+        let slot = &mut figure.volumes[0];
+        slot.file = name_in_template(Path::new(&slot.file), out)?;
     }
     setup::save_text(out, &figure.to_json()?).context("the template was not written")
 }

@@ -9,7 +9,10 @@ use std::time::{Duration, Instant};
 use fabrica_engine::read;
 
 /// Nobody closes a dialog as fast as this: there was none (no portal, no zenity). The library does not tell the two apart.
-const NOBODY: Duration = Duration::from_millis(250);
+const NOBODY: Duration = Duration::from_millis(1000);
+
+/// Faster than any hand.
+const AT_ONCE: Duration = Duration::from_millis(250);
 
 /// What a path is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,6 +79,11 @@ impl FileDialog {
             wake();
         });
         Self { purpose, begun: Instant::now(), answer }
+    }
+
+    /// Whether it ended faster than any hand: there is no dialog in this session.
+    pub fn was_refused_at_once(&self) -> bool {
+        self.begun.elapsed() < AT_ONCE
     }
 
     /// What came of it; none while it is open.

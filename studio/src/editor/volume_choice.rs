@@ -44,6 +44,8 @@ pub struct VolumeChoice {
     /// Whether it is asked because the whole does not fit.
     is_too_large: bool,
     previews: Option<Previews>,
+    /// Whether it was shown before.
+    has_begun: bool,
 }
 
 impl VolumeChoice {
@@ -82,6 +84,7 @@ impl VolumeChoice {
             limits,
             is_too_large: false,
             previews: None,
+            has_begun: false,
             entries,
         };
         choice.crop = slot.crop.unwrap_or_else(|| choice.whole());
@@ -141,7 +144,13 @@ impl VolumeChoice {
         } else if self.entries.len() > 1 {
             ("Which volume?", format!("{name} holds {} of them.", self.entries.len()))
         } else if self.is_too_large {
-            ("Load less of it?", format!("{name} takes more memory than is free."))
+            let entry_fits = |e: &Entry| self.limits.edge.is_none_or(|edge| e.grid.dims().iter().all(|n| *n <= edge));
+            let why = if self.entry().is_none_or(entry_fits) {
+                "takes more memory than is free"
+            } else {
+                "is longer than the adapter takes along an axis"
+            };
+            ("Load less of it?", format!("{name} {why}."))
         } else {
             ("What is loaded", name)
         };
@@ -173,7 +182,8 @@ impl VolumeChoice {
         ui.horizontal(|ui| {
             let can_open = fault.is_none();
             let within = self.is_within();
-            let entered = !is_typing && ui.input(|i| i.key_pressed(egui::Key::Enter));
+            // The layout is all that is typed there: Enter means it.
+            let entered = (!is_typing || self.layout.is_some()) && ui.input(|i| i.key_pressed(egui::Key::Enter));
             let verb = if within { "Open" } else { "Open all the same" };
             let clicked = ui.add_enabled_ui(can_open, |ui| {
                 if within { filled(ui, verb).clicked() } else { ui.button(verb).clicked() }
@@ -197,8 +207,14 @@ impl VolumeChoice {
         let text = self.layout.as_mut()?;
         let label = ui.label("Layout");
         let field = theme::text_field(text).hint_text("256x256x128xuint8").desired_width(f32::INFINITY);
-        ui.add(field).labelled_by(label.id);
-        let fault = text.trim().parse::<RawLayout>().err().map(|e| e.to_string());
+        let field = ui.add(field).labelled_by(label.id);
+        // Enter on what cannot be leaves one where it can be mended.
+        if !self.has_begun || (field.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter))) {
+            field.request_focus();
+            self.has_begun = true;
+        }
+        let parsed = text.trim().parse::<RawLayout>();
+        let fault = parsed.map_or_else(|e| Some(e.to_string()), |layout| layout.misfit(&self.path));
         match &fault {
             Some(fault) if !text.trim().is_empty() => drop(ui.colored_label(theme::tokens(ui.ctx()).warning, fault)),
             _ => drop(ui.label(theme::small(ui.ctx(), format!("As in {}", EXAMPLE.trim_start_matches("--raw "))))),
@@ -238,10 +254,13 @@ impl VolumeChoice {
 
     fn show_part(&mut self, ui: &mut Ui) {
         let Some(dims) = self.entry().map(|e| e.grid.dims()) else { return };
+        // Which way an index leads, as people say it.
+        let letters = self.entry().map(|e| e.grid.orientation_letters()).unwrap_or_default();
+        let ways: Vec<&str> = letters.chars().map(way).collect();
         Grid::new("part").num_columns(6).spacing([8.0, 4.0]).show(ui, |ui| {
             for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
                 let [mut first, mut end] = self.crop[axis];
-                ui.label(format!("Along {name}"));
+                ui.label(format!("Along {name}, {}", ways[axis]));
                 let from = DragValue::new(&mut first).range(0..=end - 1);
                 ui.add(from).accessible_name(format!("First voxel along {name}"));
                 ui.label("to");
@@ -325,6 +344,18 @@ fn row(ui: &mut Ui, is_chosen: bool, name: &str, entry: &Entry, preview: Option<
         }
     }
     response
+}
+
+/// Where an axis leads, from its letter.
+fn way(letter: char) -> &'static str {
+    match letter {
+        'R' => "to the right",
+        'L' => "to the left",
+        'A' => "to the front",
+        'P' => "to the back",
+        'S' => "upward",
+        _ => "downward",
+    }
 }
 
 /// The volume that is most likely meant: scans have more voxels than localizers and single pictures.

@@ -39,8 +39,11 @@ const ROUNDING: (f64, f64) = (0.01, 0.01);
 /// Deviations, as a share of the spacing, that are let pass with a note.
 const TOLERATED: f64 = 0.1;
 
+/// Gaps that a warning names.
+const MAX_NAMED: usize = 4;
+
 /// Of the slices of a volume, at most so many may be interpolated for each that is there.
-const MAX_INTERPOLATED: f64 = 3.0;
+const MAX_INTERPOLATED: f64 = 1.0;
 
 /// A tilt that is no rounding, in degrees.
 const MIN_TILT_DEG: f64 = 0.1;
@@ -233,7 +236,7 @@ pub fn planes(places: &[f64], warnings: &mut Vec<String>) -> Result<(Vec<Plane>,
     if num_planes > (1.0 + MAX_INTERPOLATED) * n as f64 {
         return Err((
             format!("its {n} slices lie {least:.2} to {most:.2} mm apart, too unevenly for a volume"),
-            "take the slices that do not belong to the stack out of the folder".to_owned(),
+            "add the slices that are missing, or take those that belong to another stack out of the folder".to_owned(),
         ));
     }
     // A last even step that is not whole is stretched a little: the stack ends where its slices end.
@@ -258,10 +261,15 @@ pub fn planes(places: &[f64], warnings: &mut Vec<String>) -> Result<(Vec<Plane>,
     let is_whole = steps.iter().all(|s| (s / step - (s / step).round()).abs() <= TOLERATED);
     warnings.push(if is_whole {
         let gaps: Vec<usize> =
-            (0..n - 1).filter(|&i| (steps[i] / step).round() > 1.0).map(|i| i + 1).take(4).collect();
-        let gaps: Vec<String> = gaps.iter().map(usize::to_string).collect();
+            (0..n - 1).filter(|&i| (steps[i] / step).round() > 1.0).map(|i| i + 1).collect();
+        let mut gaps: Vec<String> = gaps.iter().map(usize::to_string).collect();
+        if gaps.len() > MAX_NAMED {
+            gaps[MAX_NAMED..].fill("...".to_owned());
+            gaps.truncate(MAX_NAMED + 1);
+        }
+        let missing = if num_between == 1 { "slice is" } else { "slices are" };
         format!(
-            "{num_between} of {} slices are missing (after slice {}) and were interpolated from their neighbors.",
+            "{num_between} of {} {missing} missing (after slice {}) and interpolated from the neighbors.",
             planes.len(),
             gaps.join(", ")
         )

@@ -154,7 +154,11 @@ impl Editor {
                 }
             }
             if self.notice.is_fresh(ui.ctx()) {
-                ui.label(&self.notice.text);
+                let room = (ui.available_width() - 420.0).max(120.0);
+                ui.scope(|ui| {
+                    ui.set_max_width(room);
+                    ui.add(egui::Label::new(&self.notice.text).truncate()).on_hover_text(&self.notice.text);
+                });
             }
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
                 ui.label(theme::small(ui.ctx(), &self.adapter)).on_hover_text("What draws the figure");

@@ -215,7 +215,11 @@ impl Editor {
             match answer {
                 Answer::Path(path) => self.path_given(ctx, dialog.purpose, path),
                 Answer::Nothing => self.after_saving = None,
-                Answer::NoDialog => self.ask_for_typed_path(dialog.purpose),
+                Answer::NoDialog => {
+                    // Nor will there be one later: asking for it takes a while on a busy machine.
+                    self.system_dialogs &= !dialog.was_refused_at_once();
+                    self.ask_for_typed_path(dialog.purpose);
+                }
             }
         }
         if let Some(fault) = self.open.as_mut().and_then(|open| open.fault.take()) {

@@ -71,7 +71,7 @@ impl Editor {
                     let data = open.chosen().is_some_and(|o| o.transfer_function.domain == Domain::Data);
                     let mut notes = volume.warnings.clone();
                     notes.extend(before.filter(|_| is_edit && data).and_then(|before| other_values(before, &volume)));
-                    self.notice = Notice::now(notes.join("; "));
+                    self.notice = Notice::now(notes.join(" "));
                     open.keep_volume(slot.clone(), volume);
                     if is_edit {
                         open.edit(Command::SetVolume { slot: number, volume: slot });
@@ -162,7 +162,7 @@ impl Editor {
     }
 
     pub(super) fn show_loaded(&mut self, ctx: &Context, loaded: Loaded) {
-        let notes = loaded.notes.join("; ");
+        let notes = loaded.notes.join(" ");
         let unread = loaded.volumes.is_empty() && !loaded.figure.volumes.is_empty();
         let place = loaded.asked.as_ref().and_then(|asked| asked.place).unwrap_or(0);
         let slot = loaded.figure.volumes.get(place).cloned();
@@ -244,7 +244,7 @@ fn other_values(before: &Volume, now: &Volume) -> Option<String> {
     (!(0.5..=2.0).contains(&ratio)).then(|| {
         let range = |s: &Statistics| format!("{} to {}", shorter(s.min), shorter(s.max));
         format!(
-            "its values go from {}, those of before from {}: move the nodes, or open it by itself for a look of its own",
+            "Its values go from {}, those of before from {}: move the nodes, or open it by itself for a look of its own.",
             range(new),
             range(old)
         )

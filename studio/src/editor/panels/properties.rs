@@ -1,6 +1,7 @@
 //! The properties of the chosen object, of the page and of the view: a row each, a number with its unit always.
 
 use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Response, Ui, WidgetText};
+use fabrica_engine::read::limits::bytes_in_words;
 use fabrica_engine::volume::Volume;
 
 use super::super::open_figure::OpenFigure;
@@ -277,15 +278,16 @@ fn frame(ui: &mut Ui, slot: &VolumeSlot, num_frames: usize) -> Option<VolumeSlot
 fn description(volume: &Volume) -> Vec<String> {
     let [x, y, z] = volume.grid.dims();
     let mm = volume.grid.spacing_mm();
+    let kind = if volume.colors.is_some() { "colors" } else { volume.voxels.type_name() };
     let mut lines = vec![
         format!("{x} x {y} x {z} voxels"),
         format!("of {} x {} x {} mm", shorter(mm.x), shorter(mm.y), shorter(mm.z)),
-        format!("{}, {}, {:.0} MB", volume.format, volume.voxels.type_name(), volume.num_bytes() as f64 / 1e6),
+        format!("{}, {kind}, {}", volume.format, bytes_in_words(volume.num_bytes() as u64)),
     ];
     if !volume.description.is_empty() {
         lines.insert(0, volume.description.clone());
     }
-    if let Some(s) = volume.known_statistics() {
+    if let (Some(s), None) = (volume.known_statistics(), &volume.colors) {
         let kind =
             Some(volume.modality.abbreviation()).filter(|k| !k.is_empty()).map_or(String::new(), |k| format!("{k}, "));
         let unit = volume.modality.suffix();

@@ -9,8 +9,8 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use fabrica_engine::Progress;
-use fabrica_engine::read::ReadOptions;
 use fabrica_engine::read::limits::Limits;
+use fabrica_engine::read::{self, ReadOptions};
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::statistics::Statistics;
@@ -60,7 +60,28 @@ pub fn open(mut slot: VolumeSlot, limits: Limits, progress: &Progress) -> Result
     {
         (volume, slot.labels) = (colors, true);
     }
+    if let VolumeSource::Path(path) = &source {
+        name_the_folder(&mut slot, path, &volume, progress)?;
+    }
     Ok((first_look(&volume, slot, progress)?, volume))
+}
+
+/// A slice that stands for its series is named by their folder: the names of slices are often identifiers of the scan, and one
+/// slice that is missing shall not take the figure with it.
+fn name_the_folder(slot: &mut VolumeSlot, path: &Path, volume: &Volume, progress: &Progress) -> Result<()> {
+    let Some(folder) = path.parent().and_then(Path::to_str).filter(|f| !f.is_empty()) else { return Ok(()) };
+    if !path.is_file() || volume.format != "DICOM" || slot.series.is_some() {
+        return Ok(());
+    }
+    let Ok(entries) = read::survey(Path::new(folder), &ReadOptions::default(), progress) else { return Ok(()) };
+    let mut same = entries.iter().filter(|e| {
+        e.num_files > 1 && e.grid == volume.grid && e.title == volume.description && e.num_frames == volume.num_frames
+    });
+    if let (Some(series), None) = (same.next(), same.next()) {
+        folder.clone_into(&mut slot.file);
+        slot.series = (entries.len() > 1).then(|| series.key.clone());
+    }
+    Ok(())
 }
 
 /// A template for `volume`, which `slot` names: a look by the kind of data, seen so that it fills the page.
