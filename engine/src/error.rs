@@ -74,6 +74,15 @@ fn in_words(entries: &[Entry]) -> String {
     words.join("; ")
 }
 
+/// The text with a mark for every control character, which could end a line or steer a terminal.
+pub(crate) fn printable(text: String) -> String {
+    let is_bad = |c: char| c.is_control() || matches!(c, '\u{2028}' | '\u{2029}');
+    if !text.contains(is_bad) {
+        return text;
+    }
+    text.chars().map(|c| if is_bad(c) { char::REPLACEMENT_CHARACTER } else { c }).collect()
+}
+
 fn layout_remedy(guess: Option<&RawLayout>) -> String {
     match guess {
         Some(layout) => format!("add the layout, by its name and size: --raw {layout}"),
@@ -82,9 +91,9 @@ fn layout_remedy(guess: Option<&RawLayout>) -> String {
 }
 
 impl Error {
-    /// A fault of the file or folder at `path`.
+    /// A fault of the file or folder at `path`. What a sentence quotes of a damaged file stays on its line.
     pub fn file(path: &Path, what: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self::File { what: what.into(), remedy: remedy.into(), path: path.to_owned() }
+        Self::File { what: printable(what.into()), remedy: printable(remedy.into()), path: path.to_owned() }
     }
 
     /// An operating-system error on `path`, with the remedy that fits its kind.
@@ -143,5 +152,16 @@ impl Error {
     /// A fault of the scene or of the request.
     pub fn scene(what: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self::Scene { what: what.into(), remedy: remedy.into() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_quoted_of_a_damaged_file_stays_on_its_line() {
+        let text = Error::file(Path::new("a"), "its header `a\nb\u{1b}[31m\u{2028}` is none", "copy\rit").to_string();
+        assert_eq!(text, "its header `a\u{fffd}b\u{fffd}[31m\u{fffd}` is none; copy\u{fffd}it (a)");
     }
 }

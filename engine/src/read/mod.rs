@@ -27,7 +27,7 @@ use std::path::Path;
 
 use glam::DAffine3;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, printable};
 use crate::progress::Progress;
 use crate::spaces::Grid;
 use crate::volume::labels::LabelMap;
@@ -98,7 +98,7 @@ impl Entry {
         let frames = if self.num_frames > 1 { format!(", {} frames", self.num_frames) } else { String::new() };
         let size = format!("{x} x {y} x {z}, {} x {} x {} mm", short(spacing.x), short(spacing.y), short(spacing.z));
         let named = named.trim();
-        if named.is_empty() { format!("{size}{frames}") } else { format!("{named}, {size}{frames}") }
+        printable(if named.is_empty() { format!("{size}{frames}") } else { format!("{named}, {size}{frames}") })
     }
 }
 
