@@ -127,8 +127,12 @@ fn missing_slices_are_interpolated_and_named() {
     for z in 0..9 {
         assert_eq!(volume.value(1, 2, z), 100.0 * z as f64);
     }
-    let expected = "2 of 9 slices are missing (after slice 4) and were interpolated from their neighbors.";
+    let expected = "2 of 9 slices are missing (after slice 4) and interpolated from the neighbors.";
     assert_eq!(volume.warnings, [expected]);
+    // A volume that would be invented for the most part is none.
+    let far = [0.0, 1.0, 2.0, 9.0, 10.0, 19.0, 20.0];
+    let error = read_stack(&far, |_| 0.0).unwrap_err().to_string();
+    assert!(error.contains("too unevenly") && error.contains("add the slices that are missing"), "{error}");
 }
 
 #[test]
