@@ -489,8 +489,12 @@ mod tests {
         assert!(folder.refusal("a.raw", &[7; 1024]).contains("--raw 256x256x128xuint16,0.5x0.5x1,big"));
         let none = read_volume(Path::new("/no/such.nii"), &ReadOptions::default(), &Progress::new()).unwrap_err();
         assert!(none.to_string().contains("no such file"), "{none}");
-        let here = read_volume(Folder::new().path(), &ReadOptions::default(), &Progress::new()).unwrap_err();
-        assert!(here.to_string().contains("this is a folder"), "{here}");
+        let other = Folder::new();
+        let of_folder =
+            || read_volume(other.path(), &ReadOptions::default(), &Progress::new()).unwrap_err().to_string();
+        assert!(of_folder().contains("the folder is empty"), "{}", of_folder());
+        other.write("notes.txt", b"hello");
+        assert!(of_folder().contains("this is a folder without a volume"), "{}", of_folder());
     }
 
     #[test]
