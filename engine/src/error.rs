@@ -75,7 +75,7 @@ fn in_words(entries: &[Entry]) -> String {
 }
 
 /// The text with a mark for every control character, which could end a line or steer a terminal.
-pub(crate) fn printable(text: String) -> String {
+pub fn printable(text: String) -> String {
     let is_bad = |c: char| c.is_control() || matches!(c, '\u{2028}' | '\u{2029}');
     if !text.contains(is_bad) {
         return text;

@@ -241,12 +241,7 @@ fn a_figure_saved_elsewhere_still_finds_its_volume() {
     let mut harness = opened(&place);
     run(&mut harness, UiCommand::SaveAs);
     harness.step();
-    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    harness.event(Event::Text(target.display().to_string()));
-    harness.step();
-    harness.key_press(Key::Enter);
-    harness.step();
-    harness.step();
+    enter(&mut harness, &target.display().to_string());
     assert_eq!(editor(&harness).banner(), None);
     let mut copy = self::harness(Some(target));
     settle(&mut copy);
@@ -359,6 +354,21 @@ fn drag_from(harness: &mut Window, from: Pos2, to: Pos2) {
     drag_between(harness, PointerButton::Primary, Modifiers::NONE, from, to, true);
 }
 
+/// Types in place of what stands in the field that has the focus.
+fn retype(harness: &mut Window, text: &str) {
+    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    harness.event(Event::Text(text.to_owned()));
+    harness.step();
+}
+
+/// The same, and Enter.
+fn enter(harness: &mut Window, text: &str) {
+    retype(harness, text);
+    harness.key_press(Key::Enter);
+    harness.step();
+    harness.step();
+}
+
 fn undo_all(harness: &mut Window) {
     while editor(harness).document().unwrap().undo_label().is_some() {
         run(harness, UiCommand::Undo);
@@ -423,20 +433,11 @@ fn numbers_are_typed_with_their_units() {
     click_on(&mut harness, "Node 2 at 120");
     for (label, typed) in [("Node value", "2*55 HU"), ("Node opacity", "25 %")] {
         click_on(&mut harness, label);
-        harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
-        harness.event(Event::Text(typed.to_owned()));
-        harness.step();
-        harness.key_press(Key::Enter);
-        harness.step();
-        harness.step();
+        enter(&mut harness, typed);
     }
     assert_eq!(nodes(&harness)[1], (110.0, "clay".to_owned(), 0.25));
     click_on(&mut harness, "Smooth shading");
-    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    harness.event(Event::Text("2,5 mm".to_owned()));
-    harness.step();
-    harness.key_press(Key::Enter);
-    harness.step();
+    enter(&mut harness, "2,5 mm");
     assert_eq!(figure(&harness).objects[0].gradient_scale_mm, Some(2.5));
     assert_eq!(labels(&harness).len(), 3);
 }
@@ -522,12 +523,7 @@ fn objects_are_named_and_hidden_and_history_goes_anywhere() {
     harness.key_press(Key::F2);
     harness.step();
     harness.step();
-    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    harness.event(Event::Text("Skull".to_owned()));
-    harness.step();
-    harness.key_press(Key::Enter);
-    harness.step();
-    harness.step();
+    enter(&mut harness, "Skull");
     assert_eq!(figure(&harness).objects[0].name, "Skull");
     harness.key_press(Key::H);
     harness.step();
@@ -603,20 +599,14 @@ fn plain_voxels_ask_for_their_layout_which_the_name_may_tell() {
     assert!(harness.query_by_label("How do the voxels lie?").is_some());
     assert!(harness.unnamed_widgets().is_empty());
     // What cannot be is said at once, and nothing can be opened. The field is where typing goes.
-    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    harness.event(Event::Text("16x16xuint8".to_owned()));
-    harness.step();
+    retype(&mut harness, "16x16xuint8");
     assert!(harness.query_by_label_contains("has no three sizes").is_some());
-    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    harness.event(Event::Text("16x16x40xuint8".to_owned()));
-    harness.step();
+    retype(&mut harness, "16x16x40xuint8");
     assert!(harness.query_by_label_contains("the layout needs 10240 bytes, but the file has 4096").is_some());
     harness.key_press(Key::Enter);
     harness.step();
     assert!(harness.query_by_label("How do the voxels lie?").is_some());
-    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    harness.event(Event::Text("16x16x16xuint8,2".to_owned()));
-    harness.step();
+    retype(&mut harness, "16x16x16xuint8,2");
     harness.key_press(Key::Enter);
     settle(&mut harness);
     assert_eq!(editor(&harness).banner(), None);
@@ -630,12 +620,7 @@ fn frames_are_chosen_and_undone() {
     settle(&mut harness);
     assert_eq!(figure(&harness).volumes[0].frame, 0);
     click_on(&mut harness, "Frame");
-    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    harness.event(Event::Text("4".to_owned()));
-    harness.step();
-    harness.key_press(Key::Enter);
-    harness.step();
-    harness.step();
+    enter(&mut harness, "4");
     settle(&mut harness);
     assert_eq!(figure(&harness).volumes[0].frame, 3);
     run(&mut harness, UiCommand::Undo);
@@ -657,11 +642,7 @@ fn a_part_of_a_volume_is_loaded_and_the_figure_says_so() {
     (0..30).for_each(|_| harness.step());
     for (label, typed) in [("End along x", "8"), ("Reduction along z", "2")] {
         click_on(&mut harness, label);
-        harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
-        harness.event(Event::Text(typed.to_owned()));
-        harness.step();
-        harness.key_press(Key::Enter);
-        harness.step();
+        enter(&mut harness, typed);
     }
     assert!(harness.query_by_label_contains("8 x 16 x 8 voxels of 1 x 1 x 2 mm").is_some());
     click_on(&mut harness, "Open");
@@ -671,6 +652,25 @@ fn a_part_of_a_volume_is_loaded_and_the_figure_says_so() {
     assert!(harness.query_all_by_label_contains("8 x 16 x 8 were loaded").count() > 0, "the window does not say it");
     run(&mut harness, UiCommand::Undo);
     assert_eq!(figure(&harness).volumes[0].crop, None);
+}
+
+#[test]
+fn a_part_that_a_template_names_and_no_file_has_can_be_mended() {
+    let place = Place::with_ball();
+    let figure_with =
+        BALL.replace("\"file\": \"ball.raw\"", "\"file\": \"ball.raw\", \"crop\": [[0, 0], [9, 99], [5, 2]]");
+    assert_ne!(figure_with, BALL);
+    std::fs::write(place.path("figure.json"), figure_with).unwrap();
+    let mut harness = harness(Some(place.path("figure.json")));
+    settle(&mut harness);
+    assert!(harness.query_all_by_label_contains("is no part of the volume's 0..16").count() > 0);
+    run(&mut harness, UiCommand::ReadOtherwise);
+    settle(&mut harness);
+    (0..30).for_each(|_| harness.step());
+    assert!(harness.query_by_label_contains("16 x 16 x 16 voxels of").is_some(), "the whole is proposed");
+    click_on(&mut harness, "Open");
+    settle(&mut harness);
+    assert_eq!((editor(&harness).banner(), figure(&harness).volumes[0].crop), (None, None));
 }
 
 #[test]
@@ -845,12 +845,7 @@ fn saving_on_the_way_out_goes_on_to_where_one_was_going() {
     run(&mut harness, UiCommand::New);
     harness.step();
     click_on(&mut harness, "Save");
-    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    harness.event(Event::Text(place.path("new.json").display().to_string()));
-    harness.step();
-    harness.key_press(Key::Enter);
-    harness.step();
-    harness.step();
+    enter(&mut harness, &place.path("new.json").display().to_string());
     assert!(Template::read(&place.path("new.json")).is_ok());
     assert!(editor(&harness).document().is_none(), "the start page was asked for");
 }

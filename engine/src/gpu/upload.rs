@@ -401,3 +401,40 @@ impl ResidentVolumes {
         Ok(resident)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DAffine3;
+
+    use super::*;
+    use crate::read::Entry;
+    use crate::read::window::Window;
+    use crate::spaces::Grid;
+    use crate::volume::Modality;
+
+    #[test]
+    fn what_is_said_to_be_taken_is_what_the_textures_take() {
+        let small = Texel::Unorm16.bytes() + Texel::Float32.bytes();
+        let wide = 2 * Texel::Float32.bytes();
+        let colors = Texel::Unorm16.bytes() + 2 * Texel::ColorUnorm16.bytes();
+        for (type_name, bytes) in
+            [("uint8", small), ("int16", small), ("float32", wide), ("int64", wide), ("rgba", colors)]
+        {
+            let entry = Entry {
+                key: String::new(),
+                title: String::new(),
+                format: String::new(),
+                modality: Modality::Unknown,
+                grid: Grid::new([2, 3, 4], DAffine3::IDENTITY).unwrap(),
+                type_name,
+                bytes_per_voxel: 1,
+                num_frames: 1,
+                num_files: 1,
+                is_labels: false,
+                is_localizer: false,
+            };
+            let whole = Window::default().on(std::path::Path::new("a"), [2, 3, 4]).unwrap();
+            assert_eq!(entry.cost(&whole).adapter, 24 * bytes as u64, "{type_name}");
+        }
+    }
+}

@@ -37,10 +37,10 @@ impl Entry {
     /// What this volume, or a part of it, will take.
     pub fn cost(&self, part: &OnGrid) -> Cost {
         let num_voxels = part.num_voxels() as u64;
-        // As `gpu::upload` chooses: 16 bits for small integers, else 32, and 32 for the smoothed copy; colors have 4 × 16
-        // bits, twice.
+        // As `gpu::upload` chooses, and its test compares: 16 bits for small integers, else 32, and 32 for the smoothed copy;
+        // colors have 16 bits for their value and 4 × 16, twice.
         let texel = match self.type_name {
-            "rgb" | "rgba" => 4 + 8 + 8,
+            "rgb" | "rgba" => 2 + 8 + 8,
             "uint8" | "int8" | "uint16" | "int16" => 2 + 4,
             _ => 4 + 4,
         };
@@ -82,6 +82,14 @@ impl Limits {
     /// [`Error::TooLarge`] if what the options ask for is not within the limits.
     pub(super) fn check(&self, path: &Path, entry: &Entry, options: &ReadOptions) -> Result<()> {
         let part = options.window.on(path, entry.grid.dims())?;
+        let colors;
+        let entry = if options.labels_as_colors {
+            // A color and its luminance for every number.
+            colors = Entry { type_name: "rgba", bytes_per_voxel: 6, ..entry.clone() };
+            &colors
+        } else {
+            entry
+        };
         if self.admit(entry, &part) {
             return Ok(());
         }

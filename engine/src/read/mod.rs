@@ -30,6 +30,7 @@ use glam::DAffine3;
 use crate::error::{Error, Result, printable};
 use crate::progress::Progress;
 use crate::spaces::Grid;
+use crate::volume::colors::colors_of;
 use crate::volume::labels::LabelMap;
 use crate::volume::{Modality, Rescale, Volume, Voxels};
 
@@ -163,7 +164,8 @@ static READERS: [&dyn VolumeReader; 9] = [
 ///
 /// # Errors
 /// [`Error::File`] with one sentence for the user if the path does not exist, no format fits, the file is
-/// damaged or holds no scalar volume, or there is no such frame; [`Error::Cancelled`] on request.
+/// damaged or holds no volume, or there is no such frame or series; [`Error::Several`], [`Error::NeedsLayout`] and
+/// [`Error::TooLarge`] where the caller has to choose; [`Error::Cancelled`] on request.
 pub fn read_volume(path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
     progress.check()?;
     let reader = reader_for(path, options)?;
@@ -402,24 +404,26 @@ fn window_labels(path: &Path, labels: LabelMap, window: Window) -> Result<LabelM
 fn colors_of_labels(path: &Path, entry: &Entry, layers: Vec<LabelMap>) -> Result<Volume> {
     let fault = |what| Error::file(path, what, "open it as a volume of numbers");
     let num_layers = layers.len();
-    let mut volumes = layers.iter().map(Volume::from_labels);
-    let first = volumes.next().unwrap_or_else(|| Err("it has no structures".to_owned())).map_err(fault)?;
-    let Volume { colors: Some(mut colors), grid, .. } = first else { return Ok(first) };
-    for layer in volumes {
-        let layer = layer.map_err(fault)?;
-        for (color, below) in colors.iter_mut().zip(layer.colors.unwrap_or_default()) {
-            if color[3] == 0 {
-                *color = below;
-            }
+    let Some(grid) = layers.first().map(|layer| layer.grid) else {
+        return Err(fault("it has no structures".to_owned()));
+    };
+    let (mut colors, mut warnings) = (Vec::new(), Vec::new());
+    for layer in layers {
+        let below = colors_of(&layer).map_err(fault)?;
+        if colors.is_empty() {
+            colors = below;
+        } else {
+            colors.iter_mut().zip(below).filter(|(color, _)| color[3] == 0).for_each(|(color, below)| *color = below);
         }
+        warnings.extend(layer.notes);
+    }
+    if num_layers > 1 {
+        warnings.push(format!("Structures overlap; of {num_layers} layers the first is seen where they do."));
     }
     let mut volume = Volume::from_colors(grid, colors, &entry.format).map_err(fault)?;
     volume.num_frames = entry.num_frames;
     volume.description.clone_from(&entry.title);
-    volume.warnings = layers.into_iter().flat_map(|layer| layer.notes).collect();
-    if num_layers > 1 {
-        volume.warnings.push(format!("Structures overlap; of {num_layers} layers the first is seen where they do."));
-    }
+    volume.warnings = warnings;
     Ok(volume)
 }
 

@@ -4,7 +4,9 @@
 use std::sync::LazyLock;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
+use super::painter::{BLUR_VOXELS, Model, Paint, Plan, Scanner};
 use super::*;
 use crate::volume::Voxels;
 
@@ -21,6 +23,40 @@ fn values(s: &Specimen) -> &[i16] {
         Voxels::I16(v) => v,
         other => panic!("{}", other.type_name()),
     }
+}
+
+/// Paints every `step`-th voxel of `made` with all of a model in scope, and compares: what bricks leave out must not matter. `most`
+/// is what noise and its clipping may add.
+pub(super) fn assert_bricks_leave_out_nothing<M: Model>(
+    made: &Specimen,
+    model: &M,
+    plan: &'static Plan,
+    all: &M::Scope,
+    most: f32,
+    step: usize,
+) where
+    M::Scope: Sync,
+{
+    let scanner = Scanner::new(plan, &Variant::default());
+    let values = values(made);
+    let grid = &made.labels.grid;
+    let [nx, ny, _] = grid.dims();
+    let spacing = grid.spacing_mm().x as f32;
+    let bad: Vec<String> = (0..values.len())
+        .into_par_iter()
+        .step_by(step)
+        .filter_map(|i| {
+            let at = DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / nx / ny) as f64);
+            let p = grid.world_from_index().transform_point3(at).as_vec3();
+            let mut paint = Paint::new(BLUR_VOXELS * spacing, &scanner);
+            model.paint(p, all, &mut paint);
+            let label = made.labels.voxels[i];
+            let off = (paint.value.clamp(-1024.0, 3071.0) - f32::from(values[i])).abs();
+            (off > most || paint.part != label)
+                .then(|| format!("{p} {} {} for {label} {}", paint.part, paint.value, values[i]))
+        })
+        .collect();
+    assert!(bad.is_empty(), "{} voxels: {:#?}", bad.len(), &bad[..bad.len().min(40)]);
 }
 
 fn id(s: &Specimen, name: &str) -> u16 {

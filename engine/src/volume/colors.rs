@@ -75,19 +75,25 @@ impl Volume {
     /// # Errors
     /// As [`Volume::from_colors`]; a voxel whose position is that of no structure.
     pub fn from_labels(labels: &LabelMap) -> Result<Self, String> {
-        let mut palette: Vec<[u8; 4]> =
-            labels.labels.iter().map(|l| [l.color[0], l.color[1], l.color[2], 255]).collect();
-        if let Some(none) = palette.first_mut() {
-            *none = [0; 4];
-        }
-        let color = |&position: &u16| {
-            palette.get(usize::from(position)).copied().ok_or_else(|| {
-                format!("a voxel is of structure {position} and the last of them is {}", palette.len() as i64 - 1)
-            })
-        };
-        let colors = labels.voxels.iter().map(color).collect::<Result<Vec<_>, _>>()?;
-        Self::from_colors(labels.grid, colors, "labels")
+        Self::from_colors(labels.grid, colors_of(labels)?, "labels")
     }
+}
+
+/// The color of every voxel's structure, straight sRGB, opaque; transparent where there is none (position 0).
+///
+/// # Errors
+/// A clause for a voxel whose position is that of no structure.
+pub(crate) fn colors_of(labels: &LabelMap) -> Result<Vec<[u8; 4]>, String> {
+    let mut palette: Vec<[u8; 4]> = labels.labels.iter().map(|l| [l.color[0], l.color[1], l.color[2], 255]).collect();
+    if let Some(none) = palette.first_mut() {
+        *none = [0; 4];
+    }
+    let color = |&position: &u16| {
+        palette.get(usize::from(position)).copied().ok_or_else(|| {
+            format!("a voxel is of structure {position} and the last of them is {}", palette.len() as i64 - 1)
+        })
+    };
+    labels.voxels.iter().map(color).collect()
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 //! Everything downstream (statistics, bricks, upload, reference) reads it through this file.
 
 pub mod bricks;
-mod colors;
+pub(crate) mod colors;
 pub mod gradient;
 pub mod labels;
 pub mod no_data;

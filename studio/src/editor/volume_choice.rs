@@ -87,7 +87,14 @@ impl VolumeChoice {
             has_begun: false,
             entries,
         };
-        choice.crop = slot.crop.unwrap_or_else(|| choice.whole());
+        choice.crop = choice.whole();
+        // A template may have been written by hand, or for another file.
+        let kept = Window { crop: slot.crop, reduce: choice.reduce };
+        match (choice.entry().map(|e| kept.on(path, e.grid.dims())), slot.crop) {
+            (Some(Ok(_)), Some(crop)) => choice.crop = crop,
+            (Some(Err(_)), _) => choice.reduce = [1; 3],
+            _ => {}
+        }
         choice
     }
 

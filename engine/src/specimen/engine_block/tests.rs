@@ -1,34 +1,14 @@
 //! What is particular to the engine.
 
-use rayon::prelude::*;
-
 use super::*;
-use crate::specimen::painter::{BLUR_VOXELS, Scanner};
-use crate::volume::Voxels;
+use crate::specimen::tests::assert_bricks_leave_out_nothing;
 
 #[test]
 fn leaving_out_far_parts_changes_no_voxel() {
     let made = generate(64, &Variant::default(), &Progress::new()).unwrap();
-    let Voxels::I16(values) = &made.volume.voxels else { panic!() };
-    let scanner = Scanner::new(&PLAN, &Variant::default());
     let full = Scope { castings: true, bottom: true, cylinders: true, top: true, ends: true, bolts: true };
-    let [nx, ny, _] = made.labels.grid.dims();
-    let spacing = made.labels.grid.spacing_mm().x as f32;
-    let bad: Vec<String> = (0..values.len())
-        .into_par_iter()
-        .step_by(5)
-        .filter_map(|i| {
-            let at = DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / nx / ny) as f64);
-            let p = made.labels.grid.world_from_index().transform_point3(at).as_vec3();
-            let mut paint = Paint::new(BLUR_VOXELS * spacing, &scanner);
-            Engine.paint(p, &full, &mut paint);
-            // Four standard deviations of noise and its clipping.
-            let off = (paint.value - f32::from(values[i])).abs();
-            (off > 64.0 || paint.part != made.labels.voxels[i])
-                .then(|| format!("{p} {} {} for {} {}", paint.part, paint.value, made.labels.voxels[i], values[i]))
-        })
-        .collect();
-    assert!(bad.is_empty(), "{} voxels: {:#?}", bad.len(), &bad[..bad.len().min(40)]);
+    // Four standard deviations of noise and its clipping.
+    assert_bricks_leave_out_nothing(&made, &Engine, &PLAN, &full, 64.0, 5);
 }
 
 #[test]

@@ -3,11 +3,9 @@
 
 use std::sync::LazyLock;
 
-use rayon::prelude::*;
-
 use super::*;
 use crate::error::Error;
-use crate::specimen::painter::{BLUR_VOXELS, Scanner};
+use crate::specimen::tests::assert_bricks_leave_out_nothing;
 use crate::specimen::{DEFAULT_RESOLUTION, NAMES, generate, version};
 use crate::volume::Voxels;
 
@@ -211,8 +209,6 @@ fn the_mandible_is_free_of_the_skull() {
 #[test]
 fn leaving_out_far_parts_changes_no_voxel() {
     let head = Head::new();
-    let spacing = HEAD.labels.grid.spacing_mm().x as f32;
-    let scanner = Scanner::new(&PLAN, &Variant::default());
     let full = Scope {
         surface: true,
         face: true,
@@ -231,19 +227,6 @@ fn leaving_out_far_parts_changes_no_voxel() {
         teeth: (0..head.teeth.len()).collect(),
         tubes: (0..head.tubes.len()).collect(),
     };
-    let bad: Vec<String> = (0..HEAD.labels.voxels.len())
-        .into_par_iter()
-        .step_by(61)
-        .filter_map(|i| {
-            let p = world(&HEAD, i);
-            let mut paint = Paint::new(BLUR_VOXELS * spacing, &scanner);
-            head.paint(p, &full, &mut paint);
-            let (value, part) = (paint.value, paint.part);
-            // Four standard deviations of noise and its clipping.
-            let off = (value.clamp(-1024.0, 3071.0) - f32::from(hu(&HEAD)[i])).abs();
-            (off > 15.0 || part != HEAD.labels.voxels[i])
-                .then(|| format!("{p} {part} {value} for {} {}", HEAD.labels.voxels[i], hu(&HEAD)[i]))
-        })
-        .collect();
-    assert!(bad.is_empty(), "{} voxels: {:#?}", bad.len(), &bad[..bad.len().min(40)]);
+    // Four standard deviations of noise and its clipping.
+    assert_bricks_leave_out_nothing(&HEAD, &head, &PLAN, &full, 15.0, 61);
 }

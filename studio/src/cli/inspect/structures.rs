@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use anyhow::Result;
+use fabrica_engine::error::printable;
 use fabrica_engine::read::label_table::read_label_table;
-use fabrica_engine::read::{ReadOptions, read_labels, survey};
+use fabrica_engine::read::{ReadOptions, choose, read_labels, survey};
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::labels::{Label, LabelMap, StructureStatistics, resample_layers};
 use fabrica_engine::{Error, Progress};
@@ -133,12 +134,12 @@ impl Listing {
                 let id = if num_layers > 1 { format!("{}:{}", s.layer, s.id) } else { s.id.to_string() };
                 let mean = s.mean.map(short).unwrap_or_default();
                 let ml = format!("{:.*}", if s.volume_ml < 1.0 { 3 } else { 1 }, s.volume_ml);
-                let code = s.code.as_deref().map(printable).unwrap_or_default();
-                row(&id, &printable(&s.name), &s.color, &ml, &s.num_voxels.to_string(), &mean, &code)
+                let code = s.code.clone().map(printable).unwrap_or_default();
+                row(&id, &printable(s.name.clone()), &s.color, &ml, &s.num_voxels.to_string(), &mean, &code)
             }));
         }
         if !empty.is_empty() {
-            let names: Vec<_> = empty.iter().map(|s| printable(&s.name)).collect();
+            let names: Vec<_> = empty.iter().map(|s| printable(s.name.clone())).collect();
             lines.push(format!("empty       {}: {}", empty.len(), names.join(", ")));
         }
         lines.extend(self.label_notes.iter().map(|n| format!("note: {n}")));
@@ -149,8 +150,7 @@ impl Listing {
 /// Whether the file says so; numbers alone may be anything.
 fn is_label_map(path: &Path, options: &ReadOptions, progress: &Progress) -> Result<bool> {
     let entries = survey(path, options, progress)?;
-    let mut chosen = entries.iter().filter(|e| options.series.as_ref().is_none_or(|s| *s == e.key));
-    Ok(chosen.next().is_some_and(|e| e.is_labels) && chosen.next().is_none())
+    Ok(choose(path, &entries, options.series.as_deref(), false).is_ok_and(|(entry, _)| entry.is_labels))
 }
 
 fn structures_of(layer: usize, labels: &LabelMap, means: &[Option<f64>]) -> Vec<Structure> {
@@ -170,9 +170,4 @@ fn structures_of(layer: usize, labels: &LabelMap, means: &[Option<f64>]) -> Vec<
         }
     };
     labels.labels.iter().zip(labels.statistics()).enumerate().skip(1).map(structure).collect()
-}
-
-/// Names come from files: nothing in them may steer a terminal.
-fn printable(name: &str) -> String {
-    name.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }

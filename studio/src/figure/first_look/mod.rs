@@ -8,12 +8,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Result;
-use fabrica_engine::Progress;
 use fabrica_engine::read::limits::Limits;
 use fabrica_engine::read::{self, ReadOptions};
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::statistics::Statistics;
+use fabrica_engine::{Error, Progress};
 use glam::DVec3;
 
 use self::kind::Kind;
@@ -55,10 +55,13 @@ pub fn open(mut slot: VolumeSlot, limits: Limits, progress: &Progress) -> Result
     let mut volume = source.load(&options, progress)?;
     if let VolumeSource::Path(_) = source
         && Kind::of(&volume, volume.statistics(progress)?) == Kind::Labels
-        // Numbers that turn out to be no structures are drawn as numbers.
-        && let Ok(colors) = source.load(&ReadOptions { labels_as_colors: true, ..options }, progress)
     {
-        (volume, slot.labels) = (colors, true);
+        match source.load(&ReadOptions { labels_as_colors: true, ..options }, progress) {
+            Ok(colors) => (volume, slot.labels) = (colors, true),
+            Err(error) if matches!(error.downcast_ref(), Some(Error::Cancelled)) => return Err(error),
+            // Numbers that turn out to be no structures, or whose colors are too many, are drawn as numbers.
+            Err(_) => {}
+        }
     }
     if let VolumeSource::Path(path) = &source {
         name_the_folder(&mut slot, path, &volume, progress)?;
