@@ -1,4 +1,4 @@
-// The raycaster: one object, 1-D style transfer function, into a tile of the picture.
+// The raycaster: one object, 1-D style transfer functions, into a tile of the picture.
 // Result: premultiplied linear RGBA in f32, background not included.
 //
 // Structure (nested loops, because a software adapter runs both sides of every `if` but ends loops early): A leaps over
@@ -9,19 +9,15 @@
 #import lib/composite
 #import lib/face
 #import lib/fullscreen
-#import {gradient}
 #import lib/opacity
 #import lib/ray
 #import lib/skip
-#import lib/style
-#import lib/transfer_function
+#import lib/stretch
+#import {seen}
 #import {sampling}
-#import {no_data}
 #import {resume}
-#if colors
-#import lib/seen_color
-#import lib/strongest_change
-#import lib/tint
+#if regions
+#import lib/region
 #end
 
 // Parts of a piece that shows something.
@@ -52,7 +48,14 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let exponent = step / object.reference_length;
     // What is left for looks beyond one a part, so that a software adapter never ends the loops by itself.
     let walked = count - min(frame.pieces.x, count);
+#if regions
+    var spare = i32(MAX_ROUNDS) - i32(walked * regions.rounds_per_piece);
+#else
     var spare = i32(MAX_ROUNDS) - i32(walked * (5u + 2u * PARTS));
+    let function = background_function();
+#end
+    let march = March(first, stride, ray.world_direction, axes, frame.near_depth + span.x * ray.depth_per_mm,
+        step * ray.depth_per_mm);
 
     var accumulated = resume(vec2u(position.xy));
     var k = select(frame.pieces.x, count, 1.0 - accumulated.a < frame.termination);
@@ -73,6 +76,10 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     loop {
         var visible = false;
         var back = 0.0;
+#if regions
+        // Which looks there may be around the piece.
+        var kinds = 0u;
+#end
 #if alpha
         var back_alpha = 0.0;
 #end
@@ -80,16 +87,23 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             loop {
                 if k >= count { break; }
                 let brick = brick_of(first + piece_middle(k, steps) * stride);
-                let distance = textureLoad(skip_map, brick, 0).x;
-                if distance == 0u { break; }
-                k = leap(brick, distance, first, stride, k);
+                let cell = textureLoad(skip_map, brick, 0);
+#if regions
+                kinds = cell.y;
+#end
+                if cell.x == 0u { break; }
+                k = leap(brick, cell.x, first, stride, k);
                 known = false;
                 met = false;
             }
             if k >= count { break; }
             let boundary = piece_end(select(k, k + 1u, known), steps);
             back = sample_volume(volume, volume_sampler, first + boundary * stride, object.texel_scale);
-            visible = known && classify_piece(front, back).extinction > 0.0;
+#if regions
+            visible = known && may_show(kinds, front, back);
+#else
+            visible = known && classify_piece(function, front, back).extinction > 0.0;
+#end
 #if alpha
             back_alpha = sample_color(colors, first + boundary * stride).a;
             visible = visible && max(front_alpha, back_alpha) > 0.0;
@@ -106,7 +120,14 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         if !visible { break; }
 
         let length_k = piece_length(k, steps);
+#if regions
+        // What a look shows of a piece does not depend on what others show of it.
+        let shows = layers_that_show(kinds, front, back);
+        let num_parts = select(0u, num_pieces(length_k * f32(PARTS)), shows != 0u);
+#else
+        let shows = 1u;
         let num_parts = num_pieces(length_k * f32(PARTS));
+#end
         var ended = false;
         var j = u32(met);
         loop {
@@ -116,28 +137,18 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             // At the front of the piece there is nothing yet to look at: one look at no length.
             let wanted = select(num_looks(edge.normal, next.normal), 1u, j == 0u);
             let looks = select(1u, wanted, spare >= 0);
+#if regions
+            spare -= i32((wanted - 1u) * regions.rounds_per_look);
+#else
             spare -= i32(wanted);
+#end
             var i = 0u;
             loop {
                 let share = 1.0 / f32(looks);
-                let piece = classify_piece(mix(edge.value, next.value, f32(i) * share),
-                    mix(edge.value, next.value, f32(i + 1u) * share));
-                let seen = piece.middle / max(piece.extinction, 1e-30);
-                let w = (f32(i) + seen) * share;
-                let along = f32(k) + mix(before, place, w);
-                let p = first + along * stride;
-                let depth = frame.near_depth + (span.x + along * step) * ray.depth_per_mm;
-#if colors
-                let gradient = strongest_change(edge.gradient + w * (next.gradient - edge.gradient));
-                let style = tint(shade(piece.node / max(piece.extinction, 1e-30), gradient, face_normal(p),
-                    ray.world_direction, axes, style_level(depth)), seen_color(p));
-#else
-                let style = shade(piece.node / max(piece.extinction, 1e-30), mix(edge.gradient, next.gradient, w),
-                    face_normal(p), ray.world_direction, axes, style_level(depth));
-#end
-                let alpha = style.a * one_minus_exp(-piece.extinction) * validity_at(p);
-                let opacity = opacity_correct(alpha, exponent * (place - before) * share);
-                accumulated = composite(accumulated, style, select(opacity, 0.0, j == 0u));
+                let stretch = Stretch(edge, next, f32(k), before, place, f32(i), share);
+                let found = seen(stretch, march, shows);
+                let opacity = opacity_correct(found.alpha, exponent * (place - before) * share);
+                accumulated = composite(accumulated, found.style, select(opacity, 0.0, j == 0u));
                 i += 1u;
                 if 1.0 - accumulated.a < frame.termination {
                     accumulated /= accumulated.a;
@@ -158,27 +169,6 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         k += 1u;
     }
     return accumulated;
-}
-
-// What the data say at the boundary of two parts.
-struct Edge {
-    value: f32,
-#if colors
-    gradient: mat3x4f,
-#else
-    gradient: vec3f,
-#end
-    normal: vec3f,
-}
-
-fn edge_at(p: vec3f) -> Edge {
-    let gradient = gradient_at(p);
-    let value = sample_volume(volume, volume_sampler, p, object.texel_scale);
-#if colors
-    return Edge(value, gradient, surface_normal(strongest_change(gradient), face_normal(p)));
-#else
-    return Edge(value, gradient, surface_normal(gradient, face_normal(p)));
-#end
 }
 
 // Place of boundary j of the parts of a piece, in steps from its front.

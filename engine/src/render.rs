@@ -3,10 +3,11 @@
 
 use crate::error::{Error, Result};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
+use crate::gpu::regions::ResidentRegions;
 use crate::gpu::upload::ResidentVolumes;
 use crate::pass::raycast::{FrameUniform, RaycastObject, RaycastPass, ShaderPatch};
 use crate::progress::Progress;
-use crate::scene::{Background, Scene};
+use crate::scene::{Background, Object, Scene};
 
 /// A picture in memory: premultiplied linear RGBA, row 0 = top.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,6 +66,8 @@ pub const MAX_IMAGE_EDGE: u32 = 65_535;
 pub struct Renderer {
     context: GpuContext,
     volumes: ResidentVolumes,
+    /// Those of the object that was drawn last.
+    regions: Option<ResidentRegions>,
     raycast: RaycastPass,
 }
 
@@ -100,13 +103,13 @@ impl Renderer {
     /// A renderer on an open adapter.
     pub fn new(context: GpuContext) -> Self {
         let raycast = RaycastPass::new(&context, None);
-        Self { context, volumes: ResidentVolumes::default(), raycast }
+        Self { context, volumes: ResidentVolumes::default(), regions: None, raycast }
     }
 
     /// A renderer whose shader texts go through `patch`: tests plant defects with it.
     pub fn with_patched_shaders(context: GpuContext, patch: ShaderPatch) -> Self {
         let raycast = RaycastPass::new(&context, Some(patch));
-        Self { context, volumes: ResidentVolumes::default(), raycast }
+        Self { context, volumes: ResidentVolumes::default(), regions: None, raycast }
     }
 
     /// The adapter that it draws with.
@@ -144,7 +147,11 @@ impl Renderer {
                         object.volume.grid.num_voxels()
                     ));
                 }
-                let prepared = self.raycast.prepare(&self.context, scene, object, &resident, options.skip_empty)?;
+                let regions = self.resident_regions(object, progress)?;
+                let prepared =
+                    self.raycast.prepare(&self.context, scene, object, &resident, regions.as_ref(), options.skip_empty);
+                self.regions = regions;
+                let prepared = prepared?;
                 report.pipeline = prepared.key.to_string();
                 if object.shows_nothing() {
                     let (low, high) = object.data_range();
@@ -210,6 +217,19 @@ impl Renderer {
             Ok(())
         })?;
         Ok(FloatImage { width, height, pixels })
+    }
+
+    /// The object's regions as they are on the adapter, brought up to date; none if it has none.
+    fn resident_regions(&mut self, object: &Object, progress: &Progress) -> Result<Option<ResidentRegions>> {
+        if object.regions.is_empty() {
+            return Ok(None);
+        }
+        if let Some(mut known) = self.regions.take()
+            && known.update(&self.context, &object.regions)?
+        {
+            return Ok(Some(known));
+        }
+        Ok(Some(ResidentRegions::upload(&self.context, &object.regions, progress)?))
     }
 
     fn tile_slot(&self, width: u32, height: u32, several_passes: bool) -> TileSlot {

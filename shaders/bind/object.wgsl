@@ -45,7 +45,11 @@ struct Object {
 @group(1) @binding(2) var gradient_volume: texture_3d<f32>;
 @group(1) @binding(3) var volume_sampler: sampler;
 @group(1) @binding(4) var skip_map: texture_3d<u32>;
+#if regions
+@group(1) @binding(5) var transfer_function: texture_2d_array<f32>;
+#else
 @group(1) @binding(5) var transfer_function: texture_2d<f32>;
+#end
 @group(1) @binding(6) var node_layers: texture_2d<u32>;
 @group(1) @binding(7) var styles: texture_2d_array<f32>;
 @group(1) @binding(8) var style_sampler: sampler;

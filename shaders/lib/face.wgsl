@@ -11,3 +11,9 @@ fn face_normal(p: vec3f) -> vec4f {
     let world = object.face_x * outward.x + object.face_y * outward.y + object.face_z * outward.z;
     return vec4f(world / max(length(world), 1e-30), max(weight.x, max(weight.y, weight.z)));
 }
+
+// Two faces at one place (xyz: normal, w: weight): their normals by their weights, so that nothing jumps where one begins.
+fn joined_faces(a: vec4f, b: vec4f) -> vec4f {
+    let normal = a.w * a.xyz + b.w * b.xyz;
+    return vec4f(normal / max(length(normal), 1e-30), max(a.w, b.w));
+}

@@ -40,18 +40,19 @@ fn steepness(g: vec3f, face: vec4f) -> f32 {
     return max(length(g), face.w * SHARP_SURFACE);
 }
 
-// Premultiplied color and α_d of a node coordinate at a sample with gradient ĝ near a face.
-fn shade(node: f32, g: vec3f, face: vec4f, ray: vec3f, axes: Axes, level: f32) -> vec4f {
+// Premultiplied color and α_d of a node coordinate (of nodes 0 … last_node, whose styles are in a row of `node_layers`) at a
+// sample with gradient ĝ near a face.
+fn shade(node: f32, last_node: f32, row: u32, g: vec3f, face: vec4f, ray: vec3f, axes: Axes, level: f32) -> vec4f {
     let outward = surface_normal(g, face);
     // Towards the eye: the whole vector, not only its depth.
     let n = select(outward, -outward, dot(outward, ray) > 0.0);
     let uv = style_uv(vec2f(dot(n, axes.right), dot(n, axes.up)));
     let blurred = level + NOISE_LEVELS * (1.0 - smoothstep(0.0, SHARP_SURFACE, steepness(g, face)));
     // Rounding must not reach past the outermost nodes.
-    let within = clamp(node, 0.0, object.last_node);
+    let within = clamp(node, 0.0, last_node);
     let first = floor(within);
-    let a = textureSampleLevel(styles, style_sampler, uv, node_layer(i32(first)), blurred);
-    let b = textureSampleLevel(styles, style_sampler, uv, node_layer(i32(ceil(within))), blurred);
+    let a = textureSampleLevel(styles, style_sampler, uv, node_layer(u32(first), row), blurred);
+    let b = textureSampleLevel(styles, style_sampler, uv, node_layer(u32(ceil(within)), row), blurred);
     return mix(a, b, within - first);
 }
 
@@ -62,6 +63,6 @@ fn style_uv(n_xy: vec2f) -> vec2f {
     return 0.5 + vec2f(on_disc.x, -on_disc.y) * (0.5 - 0.5 / size);
 }
 
-fn node_layer(node: i32) -> u32 {
-    return textureLoad(node_layers, vec2i(node, 0), 0).x;
+fn node_layer(node: u32, row: u32) -> u32 {
+    return textureLoad(node_layers, vec2u(node, row), 0).x;
 }

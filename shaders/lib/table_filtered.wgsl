@@ -1,8 +1,13 @@
-// The transfer function's table, interpolated by the adapter's filter.
+// The transfer functions' tables, interpolated by the adapter's filter.
 #import bind/object
 
-// `ends`: front and back, 0 … 1 from the first entry's center to the last one's.
-fn look_up(ends: vec2f) -> vec4f {
+// `place`: front and back, in entries.
+fn look_up(place: vec2f, layer: u32) -> vec4f {
     let size = vec2f(textureDimensions(transfer_function));
-    return textureSampleLevel(transfer_function, style_sampler, (table_place(ends) + 0.5) / size, 0.0);
+    let uv = (place + 0.5) / size;
+#if regions
+    return textureSampleLevel(transfer_function, style_sampler, uv, layer, 0.0);
+#else
+    return textureSampleLevel(transfer_function, style_sampler, uv, 0.0);
+#end
 }

@@ -79,6 +79,7 @@ pub fn scene(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality)
         objects: vec![Object {
             volume: volume.clone(),
             transfer_function: StyleTransferFunction { nodes, reference_length_mm: 1.0 },
+            regions: Vec::new(),
             gradient_scale_mm: volume.grid.spacing_mm().min_element(),
         }],
         styles,

@@ -13,5 +13,6 @@ mod pipelines;
 mod raycast;
 mod readers;
 mod reference;
+mod regions;
 mod templates;
 mod tidy;

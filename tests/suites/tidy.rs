@@ -92,6 +92,7 @@ fn shader_layout(name: &str) -> (u32, Vec<(u32, String)>) {
             no_data: false,
             colors: false,
             alpha: false,
+            regions: true,
             resumed: false,
         }
         .wgsl()

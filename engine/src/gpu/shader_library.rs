@@ -18,20 +18,26 @@ pub const MODULES: &[(&str, &str)] = modules![
     "bind/colors",
     "bind/frame",
     "bind/object",
+    "bind/regions",
     "bind/resume",
     "bind/validity",
     "lib/composite",
     "lib/face",
     "lib/fullscreen",
+    "lib/function_one",
     "lib/gradient",
     "lib/gradient_color",
     "lib/opacity",
     "lib/ray",
+    "lib/region",
     "lib/resume_none",
     "lib/sample_filtered",
     "lib/sample_loads",
     "lib/seen_color",
+    "lib/seen_one",
+    "lib/seen_regions",
     "lib/skip",
+    "lib/stretch",
     "lib/strongest_change",
     "lib/style",
     "lib/table_filtered",
@@ -55,6 +61,8 @@ pub struct RaycastKey {
     pub colors: bool,
     /// They have alpha; never without `colors`.
     pub alpha: bool,
+    /// The object has regions with looks of their own.
+    pub regions: bool,
     /// The pass goes on where another one had to stop.
     pub resumed: bool,
 }
@@ -66,6 +74,7 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.no_data { " no_data" } else { "" })?;
         f.write_str(if self.colors { " colors" } else { "" })?;
         f.write_str(if self.alpha { " alpha" } else { "" })?;
+        f.write_str(if self.regions { " regions" } else { "" })?;
         f.write_str(if self.resumed { " resumed" } else { "" })
     }
 }
@@ -73,13 +82,14 @@ impl std::fmt::Display for RaycastKey {
 impl RaycastKey {
     /// Every key there is.
     pub fn all() -> impl Iterator<Item = Self> {
-        (0..48).map(|n| Self {
+        (0..96).map(|n| Self {
             filtered: n & 1 == 0,
             table_filtered: n & 2 == 0,
             no_data: n & 4 != 0,
             resumed: n & 8 != 0,
-            colors: n >= 16,
-            alpha: n >= 32,
+            colors: n % 48 >= 16,
+            alpha: n % 48 >= 32,
+            regions: n >= 48,
         })
     }
 
@@ -93,12 +103,15 @@ impl RaycastKey {
             "table" => Some(if self.table_filtered { "lib/table_filtered" } else { "lib/table_loads" }),
             "no_data" => Some(if self.no_data { "bind/validity" } else { "lib/validity_all" }),
             "gradient" => Some(if self.colors { "lib/gradient_color" } else { "lib/gradient" }),
+            "function" => Some(if self.regions { "lib/region" } else { "lib/function_one" }),
+            "seen" => Some(if self.regions { "lib/seen_regions" } else { "lib/seen_one" }),
             "resume" => Some(if self.resumed { "bind/resume" } else { "lib/resume_none" }),
             _ => None,
         };
         let has = |feature: &str| match feature {
             "colors" => Some(self.colors),
             "alpha" => Some(self.alpha),
+            "regions" => Some(self.regions),
             _ => None,
         };
         assemble("raycast", &choose, &has)

@@ -1,4 +1,5 @@
 //! Passes: what is drawn in a frame, each with its per-frame data.
 
 pub mod raycast;
+pub mod regions;
 pub mod transfer_table;

@@ -7,9 +7,11 @@ use std::sync::{Arc, Weak};
 use glam::DVec3;
 use wgpu::util::DeviceExt as _;
 
+use super::regions::{RegionLooks, Tables};
 use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::error::{Error, Result};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
+use crate::gpu::regions::ResidentRegions;
 use crate::gpu::shader_library::RaycastKey;
 use crate::gpu::upload::{ResidentVolume, extent};
 use crate::scene::quality::PARTS;
@@ -33,6 +35,8 @@ macro_rules! uniform {
         }
     };
 }
+
+pub(super) use uniform;
 
 uniform! {
 /// `Frame` of `shaders/bind/frame.wgsl`; a test holds the layout against the shader's.
@@ -128,7 +132,7 @@ impl FrameUniform {
             pad2: 0.0,
             image_size,
             tile_origin: [0, 0],
-            pieces: [0, Quality::pieces_per_pass()],
+            pieces: [0, u32::MAX],
             stride: [1, 1],
         }
     }
@@ -160,6 +164,8 @@ pub struct RaycastObject {
     grid: Grid,
     /// Passes that its longest ray needs, one after the other.
     pub num_passes: u32,
+    /// Pieces of a ray that a pass walks.
+    pieces_per_pass: u32,
 }
 
 #[derive(Debug)]
@@ -178,8 +184,35 @@ pub struct RaycastPass {
     pipelines: HashMap<RaycastKey, Pipeline>,
     styles: Option<(Vec<Arc<StyleImage>>, wgpu::TextureView)>,
     looks: Vec<Look>,
+    tables: Tables,
+    region_looks: Vec<RegionLooks>,
     patch: Option<ShaderPatch>,
 }
+
+/// What an object is drawn with, besides its volume and the styles.
+struct Bound {
+    uniform: ObjectUniform,
+    skip_map: wgpu::TextureView,
+    transfer_function: wgpu::TextureView,
+    node_layers: wgpu::TextureView,
+    /// With regions only.
+    shared: Option<Shared>,
+    /// Pieces of a ray that a pass may walk.
+    pieces_per_pass: u32,
+}
+
+/// What regions add.
+struct Shared {
+    uniform: wgpu::Buffer,
+    /// Bindings 12 and following of `shaders/bind/regions.wgsl`.
+    textures: [wgpu::TextureView; 5],
+}
+
+/// `MAX_ROUNDS` of the shader.
+const MAX_ROUNDS: u32 = 65_000;
+
+/// Looks of objects with regions that are kept: the steps of a refining picture.
+const MAX_REGION_LOOKS: usize = 4;
 
 /// Looks that are kept, a megabyte each: the steps of a refining picture, a few undos.
 const MAX_LOOKS: usize = 12;
@@ -234,6 +267,8 @@ impl RaycastPass {
             pipelines: HashMap::new(),
             styles: None,
             looks: Vec::new(),
+            tables: Tables::default(),
+            region_looks: Vec::new(),
             patch,
         }
     }
@@ -249,6 +284,7 @@ impl RaycastPass {
         scene: &Scene,
         object: &Object,
         resident: &ResidentVolume,
+        regions: Option<&ResidentRegions>,
         skip_empty: bool,
     ) -> Result<RaycastObject> {
         let key = RaycastKey {
@@ -257,30 +293,18 @@ impl RaycastPass {
             no_data: resident.validity.is_some(),
             colors: resident.colors.is_some(),
             alpha: resident.alpha,
+            regions: regions.is_some(),
             resumed: false,
         };
         let device = &context.device;
         let volume = &object.volume;
         let grid = volume.grid;
-        let lengths = usual_length(scene, object);
         let leaps = skip_empty && scene.quality.step_voxels <= MAX_SKIP_STEP;
-        let Look { table, transfer_function, skip_map, .. } = self.look(context, object, resident, lengths, leaps);
-
-        let uniform = object_uniform(scene, object, resident, &table);
-        let uniform = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some("object"),
-            contents: bytemuck::bytes_of(&uniform),
-            usage: wgpu::BufferUsages::UNIFORM,
-        });
-        let layers: Vec<u32> = object.transfer_function.nodes.iter().map(|n| n.style as u32).collect();
-        let node_layers = small_texture(
-            context,
-            "node layers",
-            extent([layers.len(), 1, 1]),
-            wgpu::TextureDimension::D2,
-            wgpu::TextureFormat::R32Uint,
-            bytemuck::cast_slice(&layers),
-        );
+        let bound = match regions {
+            None => self.bind_look(context, scene, object, resident, leaps),
+            Some(regions) => self.bind_regions(context, scene, object, resident, regions, leaps),
+        };
+        let uniform = uniform_buffer(context, "object", bytemuck::bytes_of(&bound.uniform));
         let styles = self.style_array(context, &scene.styles)?;
         let filter = if key.filtered { wgpu::FilterMode::Linear } else { wgpu::FilterMode::Nearest };
         let volume_sampler = device.create_sampler(&wgpu::SamplerDescriptor {
@@ -298,7 +322,7 @@ impl RaycastPass {
         });
         let diagonal = DVec3::from_array(grid.dims().map(|n| n as f64)).length();
         let num_pieces = (diagonal / scene.quality.step_voxels).ceil() as u32 + 1;
-        let num_passes = num_pieces.div_ceil(Quality::pieces_per_pass());
+        let num_passes = num_pieces.div_ceil(bound.pieces_per_pass);
         if num_passes > 1 {
             self.pipeline(context, RaycastKey { resumed: true, ..key })?;
         }
@@ -308,25 +332,100 @@ impl RaycastPass {
             texture_entry(1, &resident.values),
             texture_entry(2, &resident.gradients),
             wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Sampler(&volume_sampler) },
-            texture_entry(4, &skip_map),
-            texture_entry(5, &transfer_function),
-            texture_entry(6, &node_layers),
+            texture_entry(4, &bound.skip_map),
+            texture_entry(5, &bound.transfer_function),
+            texture_entry(6, &bound.node_layers),
             texture_entry(7, &styles),
             wgpu::BindGroupEntry { binding: 8, resource: wgpu::BindingResource::Sampler(&style_sampler) },
         ];
         entries.extend(resident.validity.as_ref().map(|v| texture_entry(9, v)));
         entries.extend(resident.colors.as_ref().map(|c| texture_entry(10, c)));
+        if let Some(shared) = &bound.shared {
+            entries.push(wgpu::BindGroupEntry { binding: 11, resource: shared.uniform.as_entire_binding() });
+            entries.extend((12..).zip(&shared.textures).map(|(i, view)| texture_entry(i, view)));
+        }
         let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("object"),
             layout: &pipeline.object_layout,
             entries: &entries,
         });
-        Ok(RaycastObject { key, bind_group, grid, num_passes })
+        Ok(RaycastObject { key, bind_group, grid, num_passes, pieces_per_pass: bound.pieces_per_pass })
+    }
+
+    /// What an object without regions is drawn with.
+    fn bind_look(
+        &mut self,
+        context: &GpuContext,
+        scene: &Scene,
+        object: &Object,
+        resident: &ResidentVolume,
+        leaps: bool,
+    ) -> Bound {
+        let lengths = in_steps(usual_length_mm(scene, object) / object.transfer_function.reference_length_mm);
+        let Look { table, transfer_function, skip_map, .. } = self.look(context, object, resident, lengths, leaps);
+        let layers: Vec<u32> = object.transfer_function.nodes.iter().map(|n| n.style as u32).collect();
+        let node_layers = small_texture(
+            context,
+            "node layers",
+            extent([layers.len(), 1, 1]),
+            wgpu::TextureDimension::D2,
+            wgpu::TextureFormat::R32Uint,
+            bytemuck::cast_slice(&layers),
+        );
+        Bound {
+            uniform: object_uniform(scene, object, resident, Some(&table)),
+            skip_map,
+            transfer_function,
+            node_layers: node_layers.create_view(&Default::default()),
+            shared: None,
+            pieces_per_pass: Quality::pieces_per_pass(),
+        }
+    }
+
+    /// What an object with regions is drawn with.
+    fn bind_regions(
+        &mut self,
+        context: &GpuContext,
+        scene: &Scene,
+        object: &Object,
+        resident: &ResidentVolume,
+        regions: &ResidentRegions,
+        leaps: bool,
+    ) -> Bound {
+        let lengths_mm = in_steps(usual_length_mm(scene, object));
+        let known = self.region_looks.iter().position(|looks| looks.is_of(object, regions, lengths_mm, leaps));
+        let looks = match known {
+            Some(i) => self.region_looks[i].clone(),
+            None => {
+                let looks = RegionLooks::new(context, object, resident, regions, &mut self.tables, lengths_mm, leaps);
+                if self.region_looks.len() >= MAX_REGION_LOOKS {
+                    self.region_looks.remove(0);
+                }
+                self.region_looks.push(looks.clone());
+                looks
+            }
+        };
+        let gradient = object.volume.grid.world_gradient_from_index();
+        let uniform = looks.uniform(regions, gradient);
+        let [rounds_per_piece, _] = looks.rounds(regions);
+        let [directory, entries, atlas] = regions.views();
+        Bound {
+            uniform: object_uniform(scene, object, resident, None),
+            skip_map: looks.skip_map,
+            transfer_function: looks.tables,
+            node_layers: looks.node_layers,
+            shared: Some(Shared {
+                uniform: uniform_buffer(context, "regions", bytemuck::bytes_of(&*uniform)),
+                textures: [directory, entries, atlas, looks.region_looks, looks.may_show],
+            }),
+            pieces_per_pass: (MAX_ROUNDS / rounds_per_piece).max(1),
+        }
     }
 
     /// The frame uniform for an object, before it is narrowed to a tile.
     pub fn frame(&self, scene: &Scene, object: &RaycastObject, image_size: [u32; 2]) -> FrameUniform {
-        FrameUniform::new(&scene.camera, &object.grid, &scene.quality, image_size)
+        let pieces = [0, object.pieces_per_pass];
+        FrameUniform { pieces, ..FrameUniform::new(&scene.camera, &object.grid, &scene.quality, image_size) }
     }
 
     /// Records the drawing of one tile into the lower-index corner of `target`. `gathered`: what the passes before have
@@ -431,8 +530,8 @@ impl RaycastPass {
             lengths,
             leaps,
             table: Arc::new(table),
-            transfer_function,
-            skip_map,
+            transfer_function: transfer_function.create_view(&Default::default()),
+            skip_map: skip_map.create_view(&Default::default()),
         };
         if self.looks.len() >= MAX_LOOKS {
             self.looks.remove(0);
@@ -454,16 +553,24 @@ impl RaycastPass {
     }
 }
 
-/// Length, in reference lengths, of a part of a piece along the view's axis: exact for cubic voxels and parallel rays, near
-/// for others. In steps of 1 %, so that turning around cubic voxels asks for one table only.
-fn usual_length(scene: &Scene, object: &Object) -> f64 {
+/// Length, in mm, of a part of a piece along the view's axis: exact for cubic voxels and parallel rays, near for others.
+fn usual_length_mm(scene: &Scene, object: &Object) -> f64 {
     let voxels_per_mm = object.volume.grid.index_from_world().transform_vector3(scene.camera.forward).length();
-    let part_voxels = scene.quality.step_voxels / f64::from(PARTS);
-    let length = part_voxels / voxels_per_mm / object.transfer_function.reference_length_mm;
+    scene.quality.step_voxels / f64::from(PARTS) / voxels_per_mm
+}
+
+/// In steps of 1 %, so that turning around cubic voxels asks for one table only.
+pub(super) fn in_steps(length: f64) -> f64 {
     ((length.log2() * 64.0).round() / 64.0).exp2()
 }
 
-fn object_uniform(scene: &Scene, object: &Object, resident: &ResidentVolume, table: &TransferTable) -> ObjectUniform {
+/// `table`: that of the only transfer function; with regions the looks have their own.
+fn object_uniform(
+    scene: &Scene,
+    object: &Object,
+    resident: &ResidentVolume,
+    table: Option<&TransferTable>,
+) -> ObjectUniform {
     let grid = &object.volume.grid;
     let column = |v: DVec3| v.as_vec3().to_array();
     let to_index = grid.index_from_world().matrix3;
@@ -472,33 +579,35 @@ fn object_uniform(scene: &Scene, object: &Object, resident: &ResidentVolume, tab
     let faces = grid.world_gradient_from_index();
     let gradient = faces * per_texel;
     let dims = DVec3::from_array(grid.dims().map(|n| n as f64));
-    ObjectUniform {
+    let uniform = ObjectUniform {
         index_from_world_x: column(to_index.x_axis),
-        reference_length: object.transfer_function.reference_length_mm as f32,
+        reference_length: object.reference_length_mm() as f32,
         index_from_world_y: column(to_index.y_axis),
-        transfer_first: table.first as f32,
         index_from_world_z: column(to_index.z_axis),
-        transfer_scale: table.scale as f32,
         world_from_gradient_x: column(gradient.x_axis),
-        extinction_below: table.outer_extinction[0] as f32,
         world_from_gradient_y: column(gradient.y_axis),
-        extinction_above: table.outer_extinction[1] as f32,
         world_from_gradient_z: column(gradient.z_axis),
-        last_node: (object.transfer_function.nodes.len() - 1) as f32,
         box_max: column(dims - 0.5),
-        middle_below: table.outer_middle[0] as f32,
         texel_scale: column(dims.recip()),
-        middle_above: table.outer_middle[1] as f32,
         face_x: column(faces.x_axis.normalize()),
-        node_below: table.outer_node[0] as f32,
         face_y: column(faces.y_axis.normalize()),
-        node_above: table.outer_node[1] as f32,
         face_z: column(faces.z_axis.normalize()),
         looks_per_turn: (1.0 / scene.largest_turn(object)) as f32,
+        ..bytemuck::Zeroable::zeroed()
+    };
+    let Some(table) = table else { return uniform };
+    ObjectUniform {
+        transfer_first: table.first as f32,
+        transfer_scale: table.scale as f32,
+        extinction_below: table.outer_extinction[0] as f32,
+        extinction_above: table.outer_extinction[1] as f32,
+        last_node: (object.transfer_function.nodes.len() - 1) as f32,
+        middle_below: table.outer_middle[0] as f32,
+        middle_above: table.outer_middle[1] as f32,
+        node_below: table.outer_node[0] as f32,
+        node_above: table.outer_node[1] as f32,
         jump: table.jump as f32,
-        pad0: 0.0,
-        pad1: 0.0,
-        pad2: 0.0,
+        ..uniform
     }
 }
 
@@ -527,13 +636,14 @@ fn make_pipeline(
             wgpu::SamplerBindingType::NonFiltering
         });
         let table = wgpu::TextureSampleType::Float { filterable: key.table_filtered };
+        let arrays = wgpu::TextureViewDimension::D2Array;
         let mut entries = vec![
             entry(0, uniform_binding()),
             entry(1, volume),
             entry(2, if key.colors { filterable } else { volume }),
             entry(3, volume_sampler),
             entry(4, texture_binding(wgpu::TextureSampleType::Uint, VIEW_3D)),
-            entry(5, texture_binding(table, wgpu::TextureViewDimension::D2)),
+            entry(5, texture_binding(table, if key.regions { arrays } else { wgpu::TextureViewDimension::D2 })),
             entry(6, texture_binding(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)),
             entry(
                 7,
@@ -549,6 +659,18 @@ fn make_pipeline(
         }
         if key.colors {
             entries.push(entry(10, filterable));
+        }
+        if key.regions {
+            let flat = wgpu::TextureViewDimension::D2;
+            let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
+            entries.extend([
+                entry(11, uniform_binding()),
+                entry(12, texture_binding(wgpu::TextureSampleType::Uint, VIEW_3D)),
+                entry(13, texture_binding(wgpu::TextureSampleType::Uint, flat)),
+                entry(14, filterable),
+                entry(15, texture_binding(unfilterable, flat)),
+                entry(16, texture_binding(wgpu::TextureSampleType::Uint, arrays)),
+            ]);
         }
         let object_layout = device
             .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("object"), entries: &entries });
@@ -608,14 +730,14 @@ fn texture_entry(binding: u32, view: &wgpu::TextureView) -> wgpu::BindGroupEntry
     wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) }
 }
 
-fn small_texture(
+pub(super) fn small_texture(
     context: &GpuContext,
     label: &str,
     size: wgpu::Extent3d,
     dimension: wgpu::TextureDimension,
     format: wgpu::TextureFormat,
     data: &[u8],
-) -> wgpu::TextureView {
+) -> wgpu::Texture {
     let descriptor = wgpu::TextureDescriptor {
         label: Some(label),
         size,
@@ -626,10 +748,15 @@ fn small_texture(
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     };
-    context
-        .device
-        .create_texture_with_data(&context.queue, &descriptor, wgpu::util::TextureDataOrder::LayerMajor, data)
-        .create_view(&wgpu::TextureViewDescriptor::default())
+    context.device.create_texture_with_data(&context.queue, &descriptor, wgpu::util::TextureDataOrder::LayerMajor, data)
+}
+
+fn uniform_buffer(context: &GpuContext, label: &str, contents: &[u8]) -> wgpu::Buffer {
+    context.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        label: Some(label),
+        contents,
+        usage: wgpu::BufferUsages::UNIFORM,
+    })
 }
 
 /// One array layer per style with its own mips, half floats (11 bits where 8-bit sRGB has 8).

@@ -12,6 +12,7 @@ pub mod color;
 pub mod opacity;
 pub mod piece;
 pub mod ray;
+pub mod region;
 pub mod sample;
 pub mod style;
 #[cfg(test)]
@@ -197,7 +198,10 @@ fn prepare<'a>(scene: &'a Scene, object: &'a Object) -> Result<Prepared<'a>> {
         data,
         validity,
         world_gradient_from_index,
-        transfer_function: &object.transfer_function,
+        looks: std::iter::once(region::Look::background(&object.transfer_function))
+            .chain(object.regions.iter().map(region::Look::region))
+            .collect(),
+        reference_length_mm: object.reference_length_mm(),
         styles: &scene.styles,
     })
 }

@@ -62,7 +62,12 @@ pub(crate) fn scene(
 ) -> Scene {
     let transfer_function = StyleTransferFunction { nodes, reference_length_mm: 1.0 };
     Scene {
-        objects: vec![Object { volume: Arc::new(volume), transfer_function, gradient_scale_mm: 0.0 }],
+        objects: vec![Object {
+            volume: Arc::new(volume),
+            transfer_function,
+            regions: Vec::new(),
+            gradient_scale_mm: 0.0,
+        }],
         styles: styles.into_iter().map(Arc::new).collect(),
         camera,
         background: Background::Transparent,

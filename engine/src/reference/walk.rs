@@ -6,15 +6,16 @@ use glam::{DMat3, DVec3, DVec4};
 
 use super::color::{Jacobian, luminance};
 use super::opacity::opacity_correct;
-use super::piece::classify_piece;
+use super::piece::{Piece, classify_piece};
 use super::ray::{Ray, samples};
+use super::region::{Look, cut_face, joined, shares};
 use super::sample::{Lattice, gradient_at, sample_volume, trilinear};
 use super::style::{
-    Classification, RayFrame, at_node, classify, face_normal, ray_frame, shade, steepness, style_level, style_normal,
-    surface_normal,
+    Classification, Face, RayFrame, at_node, classify, face_normal, ray_frame, shade, steepness, style_level,
+    style_normal, surface_normal,
 };
 use crate::scene::quality::PARTS;
-use crate::scene::{Camera, Quality, StyleTransferFunction};
+use crate::scene::{Camera, Quality};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
 
@@ -35,8 +36,10 @@ pub struct Prepared<'a> {
     pub gradient_max: f64,
     /// M⁻ᵀ.
     pub world_gradient_from_index: DMat3,
-    /// Value → style and opacity.
-    pub transfer_function: &'a StyleTransferFunction,
+    /// Of the background, and of each region.
+    pub looks: Vec<Look<'a>>,
+    /// d₀, mm: the shortest of theirs.
+    pub reference_length_mm: f64,
     /// What the transfer function's nodes refer to.
     pub styles: &'a [Arc<StyleImage>],
 }
@@ -143,43 +146,80 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// The straight linear color at `p`: of the voxels around it, each as far as the transfer function shows it. Alpha at `p`
-    /// is above 0.
-    fn seen_color(&self, colors: &Colors, p: DVec3) -> DVec3 {
+    /// The straight linear color at `p`: of the voxels around it, each as far as the look's transfer function shows it. Alpha at
+    /// `p` is above 0.
+    fn seen_color(&self, colors: &Colors, look: &Look<'_>, p: DVec3) -> DVec3 {
         let shown = trilinear(colors.voxels.dims, p, |x, y, z| {
-            let opacity = classify(self.object.transfer_function, self.object.data.at(x, y, z)).opacity;
+            let opacity = classify(look.transfer_function, self.object.data.at(x, y, z)).opacity;
             colors.voxels.at(x, y, z) * (opacity + UNSEEN)
         });
         shown.truncate() / shown.w
     }
 
-    /// Color and opacity of a stretch of `lengths` reference lengths that is seen at `t`, composited under `result`.
-    fn see(&self, result: &mut March, t: f64, class: &Classification, gradient: DVec3, lengths: f64) {
+    /// Straight linear color and opacity, for one reference length of the object, of what a look has at `t`.
+    fn appearance(
+        &self,
+        look: &Look<'_>,
+        t: f64,
+        class: &Classification,
+        gradient: DVec3,
+        cut: Face,
+    ) -> Option<([f64; 3], f64)> {
         if class.opacity <= 0.0 {
-            return;
+            return None;
         }
         let p = self.at(t);
         let has_data = self.object.validity.as_ref().map_or(1.0, |validity| sample_volume(validity, p));
-        let face = face_normal(&self.object.grid, p);
+        let face = joined(face_normal(&self.object.grid, p), cut);
         let n_xy = style_normal(gradient, face, self.ray.direction, &self.frame);
         let depth_mm = (self.ray.origin_mm + t * self.ray.direction - self.camera.eye_mm).dot(self.camera.forward);
         let steepness = steepness(gradient, face);
         let level = style_level(self.camera, self.image_height, depth_mm, self.smallest_spacing_mm, steepness);
         let (style, alpha_d) = shade(self.object.styles, class, n_xy, level);
-        let ([red, green, blue], coverage) = match &self.object.colors {
-            None => (style, 1.0),
+        let (light, coverage) = match &self.object.colors {
+            None => (DVec3::from_array(style), 1.0),
             Some(colors) => {
                 let coverage = sample_volume(&colors.voxels, p).w;
                 if coverage <= 0.0 {
-                    return;
+                    return None;
                 }
-                ((self.seen_color(colors, p) * luminance(style)).to_array(), coverage)
+                (self.seen_color(colors, look, p) * luminance(style), coverage)
             }
         };
-        let alpha = opacity_correct(alpha_d * class.opacity * has_data * coverage, lengths);
+        let color = look.tint.map_or(light, |tint| tint * luminance(light.to_array()));
+        let alpha = look.opacity * alpha_d * class.opacity * has_data * coverage;
+        let lengths = self.object.reference_length_mm / look.transfer_function.reference_length_mm;
+        Some((color.to_array(), opacity_correct(alpha, lengths)))
+    }
+
+    /// What shows of a stretch of `length_mm`, composited under `result`: of each look what `seen` says, which is where
+    /// along the ray it is seen, as what, and with which gradient. The looks share the place at `t` (mm).
+    fn see(&self, result: &mut March, t: f64, seen: &[(f64, Classification, DVec3)], slope: &Slope, length_mm: f64) {
+        let (looks, p) = (&self.object.looks, self.at(t));
+        if seen.iter().all(|(_, class, _)| class.opacity <= 0.0) {
+            return;
+        }
+        let mut cut = Face { normal: DVec3::ZERO, weight: 0.0 };
+        if looks.len() > 1 {
+            let opacities: Vec<f64> = looks.iter().zip(seen).map(|(look, s)| look.opacity * s.1.opacity).collect();
+            let to_world = self.object.world_gradient_from_index;
+            cut = cut_face(looks, p, &opacities, slope.gradient().length(), to_world);
+        }
+        let mut shown = [0.0; 4];
+        for ((look, share), (t, class, gradient)) in looks.iter().zip(shares(looks, p)).zip(seen) {
+            if share <= 0.0 {
+                continue;
+            }
+            if let Some(([red, green, blue], alpha)) = self.appearance(look, *t, class, *gradient, cut) {
+                let weight = share * alpha;
+                [red, green, blue, 1.0].iter().zip(&mut shown).for_each(|(c, sum)| *sum += weight * c);
+            }
+        }
+        let alpha = opacity_correct(shown[3].min(1.0), length_mm / self.object.reference_length_mm);
         if alpha > 0.0 {
             result.num_visible += 1;
-            result.rgba = composite(result.rgba, [alpha * red, alpha * green, alpha * blue, alpha]);
+            let color = shown.map(|c| c / shown[3] * alpha);
+            result.rgba = composite(result.rgba, color);
         }
     }
 }
@@ -202,10 +242,12 @@ pub fn march(
     for k in 0..samples.count {
         let (start, end) = samples.piece(k);
         let t = 0.5 * (start + end);
-        let class = classify(object.transfer_function, line.value(t));
-        if class.opacity > 0.0 {
-            let lengths = (end - start) / object.transfer_function.reference_length_mm;
-            line.see(&mut result, t, &class, line.slope(t).gradient(), lengths);
+        let value = line.value(t);
+        let classes: Vec<_> = object.looks.iter().map(|look| classify(look.transfer_function, value)).collect();
+        if classes.iter().any(|class| class.opacity > 0.0) {
+            let slope = line.slope(t);
+            let seen: Vec<_> = classes.into_iter().map(|class| (t, class, slope.gradient())).collect();
+            line.see(&mut result, t, &seen, &slope, end - start);
             if ends(&mut result, termination) {
                 break;
             }
@@ -228,11 +270,15 @@ pub fn march_pieces(
     let Some(pieces) = samples(ray, &object.grid, quality.step_voxels) else { return result };
     result.num_samples = pieces.count;
     let line = Line::new(object, camera, image_height, ray);
-    let function = object.transfer_function;
     let part_mm = pieces.delta_mm / f64::from(PARTS);
     for k in 0..pieces.count {
         let (start, end) = pieces.piece(k);
-        if classify_piece(function, line.value(start), line.value(end), 1.0).extinction <= 0.0 {
+        // Whatever a look shows of a piece does not depend on what others show of it.
+        let ends_of_piece = [line.value(start), line.value(end)];
+        let of_piece =
+            |look: &Look<'_>| classify_piece(look.transfer_function, ends_of_piece[0], ends_of_piece[1], 1.0);
+        let shows: Vec<bool> = object.looks.iter().map(|look| of_piece(look).extinction > 0.0).collect();
+        if !shows.contains(&true) {
             continue;
         }
         if let Some(colors) = &object.colors
@@ -249,15 +295,25 @@ pub fn march_pieces(
             let normals =
                 [0, 1].map(|i| surface_normal(slopes[i].gradient(), face_normal(&object.grid, line.at([a, b][i]))));
             let looks = (normals[0].distance(normals[1]) / largest_turn).ceil().clamp(1.0, MAX_LOOKS);
-            let lengths = (b - a) / looks / function.reference_length_mm;
+            let length_mm = (b - a) / looks;
             for look in 0..looks as u32 {
                 let [wa, wb] = [look, look + 1].map(|i| f64::from(i) / looks);
                 let between = |w: f64| values[0] + w * (values[1] - values[0]);
-                let piece = classify_piece(function, between(wa), between(wb), lengths);
-                let w = wa + piece.middle * (wb - wa);
-                let class = at_node(function, piece.node, -(-piece.extinction).exp_m1());
-                let gradient = slopes[0].towards(&slopes[1], w).gradient();
-                line.see(&mut result, a + w * (b - a), &class, gradient, lengths);
+                let seen = |(look, shows): (&Look<'_>, &bool)| {
+                    let function = look.transfer_function;
+                    let piece = if *shows {
+                        classify_piece(function, between(wa), between(wb), length_mm / function.reference_length_mm)
+                    } else {
+                        Piece { extinction: 0.0, node: 0.0, middle: 0.5 }
+                    };
+                    let w = wa + piece.middle * (wb - wa);
+                    let class = at_node(function, piece.node, -(-piece.extinction).exp_m1());
+                    (a + w * (b - a), class, slopes[0].towards(&slopes[1], w).gradient())
+                };
+                let seen: Vec<_> = object.looks.iter().zip(&shows).map(seen).collect();
+                let middle = wa.midpoint(wb);
+                let slope = slopes[0].towards(&slopes[1], middle);
+                line.see(&mut result, a + middle * (b - a), &seen, &slope, length_mm);
                 if ends(&mut result, quality.termination) {
                     return result;
                 }

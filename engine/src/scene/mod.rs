@@ -3,6 +3,7 @@
 
 pub mod camera;
 pub mod quality;
+pub mod region;
 pub mod transfer_function;
 
 use std::sync::Arc;
@@ -11,6 +12,7 @@ use glam::DVec3;
 
 pub use camera::{Camera, Projection};
 pub use quality::Quality;
+pub use region::Region;
 pub use transfer_function::{StyleTransferFunction, TransferFunctionNode};
 
 use crate::error::{Error, Result};
@@ -38,8 +40,10 @@ pub struct Scene {
 pub struct Object {
     /// The data; shared, so that a scene is cheap to make for each frame.
     pub volume: Arc<Volume>,
-    /// Value → style and opacity.
+    /// Value → style and opacity, of what belongs to no region.
     pub transfer_function: StyleTransferFunction,
+    /// Parts of the volume with looks of their own.
+    pub regions: Vec<Region>,
     /// σ_g: standard deviation, in mm, of the Gaussian that smooths the copy which gradients are taken from;
     /// 0 = central differences of the volume itself.
     pub gradient_scale_mm: f64,
@@ -65,22 +69,48 @@ impl Object {
         (a.min(b), a.max(b))
     }
 
-    /// Whether the transfer function gives no opacity to any value of the volume.
-    pub fn shows_nothing(&self) -> bool {
-        let (low, high) = self.data_range();
-        self.transfer_function.max_opacity(low, high) <= 0.0
+    /// The transfer functions of the background and of all regions.
+    pub fn transfer_functions(&self) -> impl Iterator<Item = &StyleTransferFunction> {
+        std::iter::once(&self.transfer_function).chain(self.regions.iter().map(|r| &r.transfer_function))
     }
 
-    /// The index box of the bricks in which the transfer function shows something (opacity above 0.01), clipped to
-    /// the volume; the whole volume where it shows nothing.
+    /// Whether no transfer function gives opacity to any value of the volume.
+    pub fn shows_nothing(&self) -> bool {
+        let (low, high) = self.data_range();
+        let background = self.transfer_function.max_opacity(low, high);
+        background <= 0.0 && self.regions.iter().all(|r| r.selection.is_empty() || r.max_opacity(low, high) <= 0.0)
+    }
+
+    /// d₀ in mm of the whole object: the shortest of its transfer functions'.
+    pub fn reference_length_mm(&self) -> f64 {
+        self.transfer_functions().map(|f| f.reference_length_mm).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Largest opacity that anything in a brick has whose data values are `low..=high`.
+    fn max_opacity(&self, place: [usize; 3], low: f64, high: f64) -> f64 {
+        let mut covered = false;
+        let mut largest = 0.0f64;
+        for region in &self.regions {
+            let [least, most] = region.selection.brick(place).range();
+            covered |= least == u8::MAX;
+            if most > 0 {
+                largest = largest.max(region.max_opacity(low, high));
+            }
+        }
+        if covered { largest } else { largest.max(self.transfer_function.max_opacity(low, high)) }
+    }
+
+    /// The index box of the bricks in which something shows (opacity above 0.01), clipped to the volume; the whole volume
+    /// where nothing does.
     pub fn visible_index_box(&self) -> (DVec3, DVec3) {
         let bricks = self.volume.bricks();
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for (i, &(a, b)) in bricks.ranges.iter().enumerate() {
             let (a, b) = (self.volume.rescale.value(a), self.volume.rescale.value(b));
-            if bricks.may_show(i) && self.transfer_function.max_opacity(a.min(b), a.max(b)) > FRAMED_OPACITY {
-                let [nx, ny, _] = bricks.dims;
-                let at = [i % nx, i / nx % ny, i / (nx * ny)].map(|n| (n * BRICK) as f64 - 0.5);
+            let [nx, ny, _] = bricks.dims;
+            let place = [i % nx, i / nx % ny, i / (nx * ny)];
+            if bricks.may_show(i) && self.max_opacity(place, a.min(b), a.max(b)) > FRAMED_OPACITY {
+                let at = place.map(|n| (n * BRICK) as f64 - 0.5);
                 low = low.min(DVec3::from_array(at));
                 high = high.max(DVec3::from_array(at) + BRICK as f64);
             }
@@ -97,8 +127,8 @@ impl Scene {
     /// How far, in radians, the normal of an object's surface may turn between two looks at its style: what the quality
     /// allows the sharpest style that the object uses. Infinite where all are flat.
     pub fn largest_turn(&self, object: &Object) -> f64 {
-        let nodes = &object.transfer_function.nodes;
-        self.quality.style_change / nodes.iter().map(|n| self.styles[n.style].sharpness).fold(0.0, f64::max)
+        let nodes = object.transfer_functions().flat_map(|f| &f.nodes);
+        self.quality.style_change / nodes.map(|n| self.styles[n.style].sharpness).fold(0.0, f64::max)
     }
 
     /// Checks what types cannot: every node has a style, values and lengths are finite, nodes ascend.
@@ -124,7 +154,10 @@ impl Scene {
                     "give 0 or a positive number",
                 ));
             }
-            object.transfer_function.validate(self.styles.len())?;
+            for function in object.transfer_functions() {
+                function.validate(self.styles.len())?;
+            }
+            region::validate(object)?;
             let diagonal = DVec3::from_array(object.volume.grid.dims().map(|n| n as f64)).length();
             let samples = diagonal / self.quality.step_voxels * f64::from(quality::PARTS);
             if samples > MAX_SAMPLES {

@@ -48,6 +48,15 @@ impl StyleTransferFunction {
         }
     }
 
+    /// Whether it gives the same opacity to every value as `other` does, node by node, whatever the styles.
+    pub fn same_opacity(&self, other: &Self) -> bool {
+        let alike =
+            |(a, b): (&TransferFunctionNode, &TransferFunctionNode)| a.value == b.value && a.opacity == b.opacity;
+        self.reference_length_mm == other.reference_length_mm
+            && self.nodes.len() == other.nodes.len()
+            && self.nodes.iter().zip(&other.nodes).all(alike)
+    }
+
     /// Largest opacity of any value in `low..=high`, both sides of jumps included.
     pub fn max_opacity(&self, low: f64, high: f64) -> f64 {
         let inside = self.nodes.iter().filter(|n| (low..=high).contains(&n.value)).map(|n| n.opacity);

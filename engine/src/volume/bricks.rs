@@ -74,7 +74,12 @@ impl MinMaxBricks {
     /// Chebyshev distance, in bricks, of each brick to the nearest one that `is_occupied` (given its range of stored
     /// numbers); 0 = occupied itself, 255 = that far or farther, or nothing is occupied.
     pub fn distances(&self, is_occupied: impl Fn(f64, f64) -> bool) -> Vec<u8> {
-        let occupied = |i: usize| self.may_show(i) && is_occupied(self.ranges[i].0, self.ranges[i].1);
+        self.distances_of(|_, low, high| is_occupied(low, high))
+    }
+
+    /// As [`MinMaxBricks::distances`], given also which brick it is, counted x fastest.
+    pub fn distances_of(&self, is_occupied: impl Fn(usize, f64, f64) -> bool) -> Vec<u8> {
+        let occupied = |i: usize| self.may_show(i) && is_occupied(i, self.ranges[i].0, self.ranges[i].1);
         let mut distance: Vec<u8> = (0..self.ranges.len()).map(|i| if occupied(i) { 0 } else { u8::MAX }).collect();
         let [nx, ny, nz] = self.dims.map(|n| n as isize);
         // Two chamfer sweeps with weight 1 for all 26 neighbors are exact for the Chebyshev metric.

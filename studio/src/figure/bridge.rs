@@ -165,6 +165,7 @@ fn make_object(
             nodes,
             reference_length_mm: function.reference_length_mm.unwrap_or(voxel_mm),
         },
+        regions: Vec::new(),
         gradient_scale_mm: template.gradient_scale_mm.unwrap_or(voxel_mm),
     })
 }

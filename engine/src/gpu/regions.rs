@@ -1,0 +1,490 @@
+//! Regions on the adapter: the memberships of the bricks that lie at the ends of regions, and per brick the list of regions
+//! that have a part of it. An edit of a selection uploads the bricks that it touches.
+
+use std::collections::HashMap;
+
+use rayon::prelude::*;
+
+use super::context::GpuContext;
+use super::upload::extent;
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::scene::Region;
+use crate::selection::{BRICK, Brick, Selection};
+
+/// Texels along x and y of the atlas. Along all axes a power of two: so f32 has the place of a sample exactly, and a picture does
+/// not depend on which slot a brick happens to have.
+const ATLAS_EDGE: usize = 512;
+/// Slots along x and y of it.
+pub const SLOTS: usize = ATLAS_EDGE / SLOT_EDGE;
+/// Texels along the edge of a slot: a brick's voxels and one more on either side.
+const SLOT_EDGE: usize = BRICK + 2;
+/// Texels along z of the smallest atlas.
+const LEAST_DEPTH: usize = 16;
+/// Texels in a row of textures that hold lists; `LIST_WIDTH` of the shader.
+pub const LIST_WIDTH: usize = 2048;
+/// The slot of bricks that are wholly in a region; `WHOLE` of the shader.
+const WHOLE: u32 = u32::MAX;
+/// Voxels around a brick in which what is present counts for leaping: as far as a piece with its middle in it reaches.
+const BORDER: usize = 2;
+/// Voxels along the edge of a brick with that border.
+const BLOCK: usize = BRICK + 2 * BORDER;
+
+/// Memberships of a brick with a border of two voxels, x fastest; beyond the grid its edge goes on.
+type Block = [u8; BLOCK * BLOCK * BLOCK];
+
+/// What a brick has of a region.
+struct Part {
+    region: u32,
+    /// Absent where no sample in the brick meets the region.
+    held: Option<Held>,
+}
+
+/// How a region holds a brick.
+enum Held {
+    Whole,
+    Partly(Box<Block>),
+}
+
+/// What is found of a brick before anything is uploaded.
+struct Found {
+    place: [usize; 3],
+    parts: Vec<Part>,
+    /// Whether something around it belongs to no region.
+    has_rest: bool,
+}
+
+/// A brick's list in the entries.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct List {
+    first: u32,
+    count: u32,
+}
+
+/// The regions of an object, as the shader reads them.
+#[derive(Debug)]
+pub struct ResidentRegions {
+    selections: Vec<Selection>,
+    /// Bricks along x, y, z.
+    size: [usize; 3],
+    lists: Vec<List>,
+    entries: Vec<[u32; 2]>,
+    /// Entries that no list has any more.
+    num_stale: usize,
+    free_slots: Vec<u32>,
+    num_slots: u32,
+    /// Texels of the atlas along z.
+    atlas_depth: usize,
+    format: wgpu::TextureFormat,
+    atlas: wgpu::Texture,
+    directory: wgpu::Texture,
+    entry_rows: usize,
+    entry_texture: wgpu::Texture,
+    /// Which looks (0 = background, else region + 1) there are around each brick: position in `sets`.
+    pub set_of_brick: Vec<u32>,
+    /// Different sets of looks.
+    pub sets: Vec<Vec<u32>>,
+    position_of_set: HashMap<Vec<u32>, u32>,
+    /// Changes whenever anything above does.
+    pub revision: u64,
+}
+
+impl ResidentRegions {
+    /// Uploads the selections of `regions`, all of one grid.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] where the adapter has no room, [`Error::Cancelled`].
+    pub fn upload(context: &GpuContext, regions: &[Region], progress: &Progress) -> Result<Self> {
+        let size = regions.first().map_or([1; 3], |r| r.selection.size_in_bricks());
+        let num_bricks = size.iter().product();
+        // Memberships have 8 bits, but not every adapter filters such texels with more than 8 themselves.
+        let format =
+            if context.formats.r16_filterable { wgpu::TextureFormat::R16Unorm } else { wgpu::TextureFormat::R8Unorm };
+        let directory = texture(context, "regions of bricks", wgpu::TextureFormat::Rg32Uint, size)?;
+        let mut resident = Self {
+            selections: Vec::new(),
+            size,
+            lists: vec![List::default(); num_bricks],
+            entries: Vec::new(),
+            num_stale: 0,
+            free_slots: Vec::new(),
+            num_slots: 0,
+            atlas_depth: LEAST_DEPTH,
+            format,
+            atlas: texture(context, "memberships", format, [ATLAS_EDGE, ATLAS_EDGE, LEAST_DEPTH])?,
+            directory,
+            entry_rows: 1,
+            entry_texture: entry_texture(context, 1)?,
+            set_of_brick: vec![0; num_bricks],
+            sets: vec![vec![0]],
+            position_of_set: HashMap::from([(vec![0], 0)]),
+            revision: 0,
+        };
+        let candidates = resident.candidates(regions);
+        resident.selections = regions.iter().map(|r| r.selection.clone()).collect();
+        progress.begin("regions", candidates.len() as u64);
+        // In portions, so that blocks of bricks do not pile up.
+        let portions: Vec<_> = candidates.chunks(1 << 14).collect();
+        for portion in portions {
+            let found = resident.find(portion);
+            resident.put(context, found)?;
+            progress.advance(portion.len() as u64)?;
+        }
+        resident.write_directory(context, [[0, size[0]], [0, size[1]], [0, size[2]]]);
+        Ok(resident)
+    }
+
+    /// Uploads what has changed since. Gives back whether it could: other regions than these have to be uploaded anew.
+    ///
+    /// # Errors
+    /// As [`ResidentRegions::upload`].
+    pub fn update(&mut self, context: &GpuContext, regions: &[Region]) -> Result<bool> {
+        if regions.len() != self.selections.len()
+            || regions.iter().zip(&self.selections).any(|(r, s)| r.selection.grid().dims() != s.grid().dims())
+        {
+            return Ok(false);
+        }
+        let mut places: HashMap<[usize; 3], ()> = HashMap::new();
+        for (region, old) in regions.iter().zip(&self.selections) {
+            for place in region.selection.changed_since(old) {
+                places.extend(neighbors(place, self.size).map(|p| (p, ())));
+            }
+        }
+        if places.is_empty() {
+            return Ok(true);
+        }
+        self.selections = regions.iter().map(|r| r.selection.clone()).collect();
+        let looked_at = |place: [usize; 3]| {
+            let near = |s: &Selection| neighbors(place, self.size).any(|p| !s.brick(p).is_empty());
+            let present = (0..self.selections.len()).filter(|i| near(&self.selections[*i]));
+            (place, present.map(|i| i as u32).collect::<Vec<_>>())
+        };
+        let candidates: Vec<_> = places.into_keys().map(looked_at).collect();
+        let found = self.find(&candidates);
+        let mut changed = [[usize::MAX, 0]; 3];
+        for (place, _) in &candidates {
+            for (bound, at) in changed.iter_mut().zip(place) {
+                *bound = [bound[0].min(*at), bound[1].max(at + 1)];
+            }
+        }
+        self.put(context, found)?;
+        self.write_directory(context, changed);
+        Ok(true)
+    }
+
+    /// Bricks that may have regions around them, with those.
+    fn candidates(&self, regions: &[Region]) -> Vec<([usize; 3], Vec<u32>)> {
+        let mut near: HashMap<[usize; 3], Vec<u32>> = HashMap::new();
+        for (i, region) in regions.iter().enumerate() {
+            for (place, _) in region.selection.bricks() {
+                for p in neighbors(place, self.size) {
+                    let list = near.entry(p).or_default();
+                    if list.last() != Some(&(i as u32)) {
+                        list.push(i as u32);
+                    }
+                }
+            }
+        }
+        let mut candidates: Vec<_> = near.into_iter().collect();
+        candidates.sort_unstable_by_key(|([x, y, z], _)| [*z, *y, *x]);
+        candidates
+    }
+
+    fn find(&self, candidates: &[([usize; 3], Vec<u32>)]) -> Vec<Found> {
+        let find = |(place, regions): &([usize; 3], Vec<u32>)| {
+            let mut covered = [0u16; BLOCK * BLOCK * BLOCK];
+            let part = |&region: &u32| {
+                let block = block(&self.selections[region as usize], *place);
+                if block.iter().all(|f| *f == 0) {
+                    return None;
+                }
+                covered.iter_mut().zip(&block).for_each(|(sum, f)| *sum = sum.saturating_add(u16::from(*f)));
+                let mut inner = inner_rows(&block).flatten().copied();
+                let first = inner.next().unwrap_or(0);
+                let uniform = inner.all(|f| f == first);
+                let held = match (first, uniform) {
+                    (0, true) => None,
+                    (u8::MAX, true) => Some(Held::Whole),
+                    _ => Some(Held::Partly(Box::new(block))),
+                };
+                Some(Part { region, held })
+            };
+            let parts = regions.iter().filter_map(part).collect();
+            Found { place: *place, parts, has_rest: covered.iter().any(|sum| *sum < 255) }
+        };
+        candidates.par_iter().with_min_len(8).map(find).collect()
+    }
+
+    /// Takes bricks over: their slots, entries and sets.
+    fn put(&mut self, context: &GpuContext, found: Vec<Found>) -> Result<()> {
+        self.revision += 1;
+        let num_needed =
+            found.iter().flat_map(|f| &f.parts).filter(|p| matches!(p.held, Some(Held::Partly(_)))).count();
+        let mut written = Vec::new();
+        let first_entry = self.entries.len();
+        let [nx, ny, _] = self.size;
+        for Found { place: [x, y, z], .. } in &found {
+            let list = std::mem::take(&mut self.lists[x + nx * (y + ny * z)]);
+            let old = &self.entries[list.first as usize..(list.first + list.count) as usize];
+            self.free_slots.extend(old.iter().map(|[_, slot]| *slot).filter(|slot| *slot != WHOLE));
+            self.num_stale += old.len();
+        }
+        self.reserve_slots(context, num_needed)?;
+        for Found { place: [x, y, z], parts, has_rest } in found {
+            let brick = x + nx * (y + ny * z);
+            let set: Vec<u32> =
+                has_rest.then_some(0).into_iter().chain(parts.iter().map(|part| part.region + 1)).collect();
+            let next = self.sets.len() as u32;
+            let position = *self.position_of_set.entry(set).or_insert_with_key(|set| {
+                self.sets.push(set.clone());
+                next
+            });
+            self.set_of_brick[brick] = position;
+            let first = self.entries.len() as u32;
+            for Part { region, held } in parts {
+                let slot = match held {
+                    None => continue,
+                    Some(Held::Whole) => WHOLE,
+                    Some(Held::Partly(block)) => {
+                        let slot = self.free_slots.pop().unwrap_or_else(|| {
+                            self.num_slots += 1;
+                            self.num_slots - 1
+                        });
+                        written.push((slot, block));
+                        slot
+                    }
+                };
+                self.entries.push([region + 1, slot]);
+            }
+            self.lists[brick] = List { first, count: self.entries.len() as u32 - first };
+        }
+        self.write_slots(context, written);
+        self.write_entries(context, first_entry)
+    }
+
+    fn reserve_slots(&mut self, context: &GpuContext, num_needed: usize) -> Result<()> {
+        let wanted = self.num_slots as usize + num_needed.saturating_sub(self.free_slots.len());
+        let slots_in = |depth: usize| depth / SLOT_EDGE * SLOTS * SLOTS;
+        let mut depth = self.atlas_depth;
+        while slots_in(depth) < wanted {
+            depth *= 2;
+        }
+        if depth == self.atlas_depth {
+            return Ok(());
+        }
+        let most = context.adapter.max_volume_edge as usize;
+        if depth > most {
+            let most = slots_in(most.next_power_of_two() / if most.is_power_of_two() { 1 } else { 2 });
+            return Err(Error::gpu(
+                format!("the borders of the regions take {wanted} bricks, and the adapter holds {most}"),
+                "reduce the volume, or use fewer or simpler selections",
+            ));
+        }
+        let atlas = texture(context, "memberships", self.format, [ATLAS_EDGE, ATLAS_EDGE, depth])?;
+        if self.num_slots > 0 {
+            let mut encoder = context.device.create_command_encoder(&Default::default());
+            let old = extent(self.atlas_size());
+            encoder.copy_texture_to_texture(self.atlas.as_image_copy(), atlas.as_image_copy(), old);
+            context.queue.submit([encoder.finish()]);
+        }
+        (self.atlas, self.atlas_depth) = (atlas, depth);
+        Ok(())
+    }
+
+    /// Writes slots: those in a row of the atlas together, as each write costs.
+    fn write_slots(&self, context: &GpuContext, mut written: Vec<(u32, Box<Block>)>) {
+        let wide = self.format == wgpu::TextureFormat::R16Unorm;
+        let texel = if wide { 2 } else { 1 };
+        written.sort_unstable_by_key(|(slot, _)| *slot);
+        let in_row = |a: &(u32, Box<Block>), b: &(u32, Box<Block>)| b.0 == a.0 + 1 && b.0 as usize % SLOTS != 0;
+        for row in written.chunk_by(in_row) {
+            let width = row.len() * SLOT_EDGE;
+            let mut data = vec![0; width * SLOT_EDGE * SLOT_EDGE * texel];
+            for (i, (_, block)) in row.iter().enumerate() {
+                for (j, values) in inner_rows(block).enumerate() {
+                    let first = (j * width + i * SLOT_EDGE) * texel;
+                    for (k, value) in values.iter().enumerate() {
+                        // 255 becomes 65 535.
+                        data[first + k * texel..][..texel].fill(*value);
+                    }
+                }
+            }
+            let slot = row[0].0 as usize;
+            let origin = [slot % SLOTS, slot / SLOTS % SLOTS, slot / (SLOTS * SLOTS)].map(|n| n * SLOT_EDGE);
+            write(context, &self.atlas, origin, [width, SLOT_EDGE, SLOT_EDGE], texel, &data);
+        }
+    }
+
+    /// Writes the entries from `first` on, after throwing out those that no list has any more, if they are many.
+    fn write_entries(&mut self, context: &GpuContext, mut first: usize) -> Result<()> {
+        if self.num_stale > 1 << 16 && 2 * self.num_stale > self.entries.len() {
+            let mut entries = Vec::with_capacity(self.entries.len() - self.num_stale);
+            for list in &mut self.lists {
+                let old = &self.entries[list.first as usize..(list.first + list.count) as usize];
+                list.first = entries.len() as u32;
+                entries.extend_from_slice(old);
+            }
+            (self.entries, self.num_stale, first) = (entries, 0, 0);
+            let [nx, ny, nz] = self.size;
+            self.write_directory(context, [[0, nx], [0, ny], [0, nz]]);
+        }
+        let rows = self.entries.len().div_ceil(LIST_WIDTH).max(1);
+        if rows > self.entry_rows {
+            let limit = context.device.limits().max_texture_dimension_2d as usize;
+            if rows > limit {
+                return Err(Error::gpu(
+                    format!("the regions' lists take {rows} rows of a texture, and the adapter holds {limit}"),
+                    "reduce the volume, or use fewer regions",
+                ));
+            }
+            self.entry_rows = (2 * rows).min(limit);
+            self.entry_texture = entry_texture(context, self.entry_rows)?;
+            first = 0;
+        }
+        // Whole rows: the start of the first is there already.
+        let from = first / LIST_WIDTH * LIST_WIDTH;
+        if from < self.entries.len() {
+            let mut data = self.entries[from..].to_vec();
+            data.resize(data.len().next_multiple_of(LIST_WIDTH), [0; 2]);
+            let size = [LIST_WIDTH, data.len() / LIST_WIDTH, 1];
+            write(context, &self.entry_texture, [0, from / LIST_WIDTH, 0], size, 8, bytemuck::cast_slice(&data));
+        }
+        Ok(())
+    }
+
+    /// Writes the directory of a box of bricks.
+    fn write_directory(&self, context: &GpuContext, [x, y, z]: [[usize; 2]; 3]) {
+        let [nx, ny, _] = self.size;
+        let rows = (z[0]..z[1]).flat_map(|z| (y[0]..y[1]).map(move |y| nx * (y + ny * z)));
+        let data: Vec<[u32; 2]> = rows
+            .flat_map(|row| self.lists[row + x[0]..row + x[1]].iter().map(|list| [list.first, list.count]))
+            .collect();
+        let size = [x[1] - x[0], y[1] - y[0], z[1] - z[0]];
+        write(context, &self.directory, [x[0], y[0], z[0]], size, 8, bytemuck::cast_slice(&data));
+    }
+
+    /// Entries of the longest list.
+    pub fn longest_list(&self) -> u32 {
+        self.lists.iter().map(|list| list.count).max().unwrap_or(0)
+    }
+
+    /// Texels of the atlas along x, y, z.
+    pub fn atlas_size(&self) -> [usize; 3] {
+        [ATLAS_EDGE, ATLAS_EDGE, self.atlas_depth]
+    }
+
+    /// Views of directory, entries and atlas.
+    pub fn views(&self) -> [wgpu::TextureView; 3] {
+        [&self.directory, &self.entry_texture, &self.atlas].map(|t| t.create_view(&Default::default()))
+    }
+}
+
+/// A brick's place and those around it, within `size`.
+fn neighbors(place: [usize; 3], size: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+    let range = |a: usize| place[a].saturating_sub(1)..(place[a] + 2).min(size[a]);
+    let (x, y) = (range(0), range(1));
+    range(2).flat_map(move |z| {
+        let x = x.clone();
+        y.clone().flat_map(move |y| x.clone().map(move |x| [x, y, z]))
+    })
+}
+
+fn block(selection: &Selection, place: [usize; 3]) -> Block {
+    let size = selection.size_in_bricks();
+    let dims = selection.grid().dims();
+    let around: [&Brick; 27] = std::array::from_fn(|i| {
+        let offset = [i % 3, i / 3 % 3, i / 9];
+        selection.brick(std::array::from_fn(|a| (place[a] + offset[a]).saturating_sub(1).min(size[a] - 1)))
+    });
+    if let Brick::Uniform(value) = around[13]
+        && around.iter().all(|brick| matches!(brick, Brick::Uniform(v) if v == value))
+    {
+        return [*value; BLOCK * BLOCK * BLOCK];
+    }
+    // Which of the three bricks along an axis each voxel is in, and where in it.
+    let along = |a: usize| -> [(usize, usize); BLOCK] {
+        std::array::from_fn(|i| {
+            let voxel = (place[a] * BRICK + i).saturating_sub(BORDER).min(dims[a] - 1);
+            (voxel / BRICK + 1 - place[a], voxel % BRICK)
+        })
+    };
+    let (xs, ys, zs) = (along(0), along(1), along(2));
+    let mut block = [0; BLOCK * BLOCK * BLOCK];
+    let mut values = block.iter_mut();
+    for (bz, z) in zs {
+        for (by, y) in ys {
+            for ((bx, x), value) in xs.into_iter().zip(&mut values) {
+                *value = around[bx + 3 * (by + 3 * bz)].get([x, y, z]);
+            }
+        }
+    }
+    block
+}
+
+/// The rows of a block that are uploaded: without its outermost voxels.
+fn inner_rows(block: &Block) -> impl Iterator<Item = &[u8]> {
+    let skip = (BLOCK - SLOT_EDGE) / 2;
+    let rows = (skip..BLOCK - skip).flat_map(move |z| (skip..BLOCK - skip).map(move |y| BLOCK * (y + BLOCK * z)));
+    rows.map(move |row| &block[row + skip..row + BLOCK - skip])
+}
+
+fn entry_texture(context: &GpuContext, rows: usize) -> Result<wgpu::Texture> {
+    make_texture(
+        context,
+        "region lists",
+        wgpu::TextureFormat::Rg32Uint,
+        [LIST_WIDTH, rows, 1],
+        wgpu::TextureDimension::D2,
+    )
+}
+
+fn texture(context: &GpuContext, label: &str, format: wgpu::TextureFormat, size: [usize; 3]) -> Result<wgpu::Texture> {
+    make_texture(context, label, format, size, wgpu::TextureDimension::D3)
+}
+
+fn make_texture(
+    context: &GpuContext,
+    label: &str,
+    format: wgpu::TextureFormat,
+    size: [usize; 3],
+    dimension: wgpu::TextureDimension,
+) -> Result<wgpu::Texture> {
+    let what = format!("a texture of {} x {} x {} texels for the {label}", size[0], size[1], size[2]);
+    context.checked(&what, "reduce the volume, or choose another adapter", |device| {
+        device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: extent(size),
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension,
+            format,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        })
+    })
+}
+
+fn write(
+    context: &GpuContext,
+    texture: &wgpu::Texture,
+    origin: [usize; 3],
+    size: [usize; 3],
+    texel: usize,
+    data: &[u8],
+) {
+    context.queue.write_texture(
+        wgpu::TexelCopyTextureInfo {
+            texture,
+            mip_level: 0,
+            origin: wgpu::Origin3d { x: origin[0] as u32, y: origin[1] as u32, z: origin[2] as u32 },
+            aspect: wgpu::TextureAspect::All,
+        },
+        data,
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some((size[0] * texel) as u32),
+            rows_per_image: Some(size[1] as u32),
+        },
+        extent(size),
+    );
+}

@@ -1,0 +1,84 @@
+//! Regions (docs/rendering.md §9): how a place is shared out among a volume's regions and its background, and the faces that
+//! appear where what shows ends because a region does.
+
+use glam::{DMat3, DVec3};
+
+use super::sample::{Lattice, sample_volume};
+use super::style::Face;
+use crate::scene::{Region, StyleTransferFunction};
+
+/// ‖ĝ‖ up to which the end of a region makes a face, and from which on the data's own surface does.
+const NO_MATERIAL_EDGE: f64 = 0.025;
+const MATERIAL_EDGE: f64 = 0.05;
+/// Change over a voxel, as a share of what shows, from which on the end of a region is a face and no transition.
+const SHARP_END: f64 = 0.25;
+
+/// What looks alike: the background (index 0) or a region.
+#[derive(Clone, Debug)]
+pub struct Look<'a> {
+    /// f per voxel; none for the background, which has what is left.
+    pub membership: Option<Lattice>,
+    /// Value → style and opacity.
+    pub transfer_function: &'a StyleTransferFunction,
+    /// Takes the place of the styles' colors.
+    pub tint: Option<DVec3>,
+    /// Factor of opacity.
+    pub opacity: f64,
+}
+
+impl<'a> Look<'a> {
+    /// Of what belongs to no region.
+    pub fn background(transfer_function: &'a StyleTransferFunction) -> Self {
+        Self { membership: None, transfer_function, tint: None, opacity: 1.0 }
+    }
+
+    /// Of a region, voxel by voxel.
+    pub fn region(region: &'a Region) -> Self {
+        let dims = region.selection.grid().dims();
+        let [nx, ny, _] = dims;
+        let voxel = |i: usize| f64::from(region.selection.get([i % nx, i / nx % ny, i / (nx * ny)])) / 255.0;
+        Self {
+            membership: Some(Lattice { dims, values: (0..dims.iter().product()).map(voxel).collect() }),
+            transfer_function: &region.transfer_function,
+            tint: region.tint.map(|tint| DVec3::from_array(tint.map(f64::from))),
+            opacity: region.opacity,
+        }
+    }
+}
+
+/// w: how much of index position `p` each look has. They sum up to 1: regions that want more than there is share it in
+/// proportion, and the background has what they leave.
+pub fn shares(looks: &[Look<'_>], p: DVec3) -> Vec<f64> {
+    let mut shares: Vec<f64> =
+        looks.iter().map(|look| look.membership.as_ref().map_or(0.0, |f| sample_volume(f, p))).collect();
+    let wanted: f64 = shares.iter().sum();
+    shares.iter_mut().for_each(|f| *f /= wanted.max(1.0));
+    shares[0] = (1.0 - wanted).max(0.0);
+    shares
+}
+
+/// The face at `p` of what shows, where it ends with a region rather than by its own values. `opacities` = how much of each
+/// look shows here, `steepness` = ‖ĝ‖, `to_world` = M⁻ᵀ.
+pub fn cut_face(looks: &[Look<'_>], p: DVec3, opacities: &[f64], steepness: f64, to_world: DMat3) -> Face {
+    let shown = |p: DVec3| -> f64 { shares(looks, p).iter().zip(opacities).map(|(w, a)| w * a).sum() };
+    let (mut change, mut most) = (DVec3::ZERO, 0.0f64);
+    for (axis, e) in DVec3::AXES.into_iter().enumerate() {
+        let (before, behind) = (shown(p - 0.5 * e), shown(p + 0.5 * e));
+        change[axis] = behind - before;
+        most = most.max(before).max(behind);
+    }
+    let flat = 1.0 - smoothstep(NO_MATERIAL_EDGE, MATERIAL_EDGE, steepness);
+    let ends = if most > 0.0 { smoothstep(0.0, SHARP_END, change.length() / most) } else { 0.0 };
+    Face { normal: -(to_world * change).normalize_or_zero(), weight: flat * ends }
+}
+
+/// Two faces at one place: their normals by their weights, so that nothing jumps where one of them begins.
+pub fn joined(a: Face, b: Face) -> Face {
+    let normal = (a.weight * a.normal + b.weight * b.normal).normalize_or_zero();
+    Face { normal, weight: a.weight.max(b.weight) }
+}
+
+fn smoothstep(from: f64, to: f64, x: f64) -> f64 {
+    let x = ((x - from) / (to - from)).clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}

@@ -1,0 +1,9 @@
+// What a stretch of a ray shows of an object without regions: its one look.
+#import lib/function_one
+#import lib/stretch
+
+fn seen(stretch: Stretch, march: March, shows: u32) -> Seen {
+    let function = background_function();
+    let piece = classify_piece(function, value_at(stretch, 0.0), value_at(stretch, 1.0));
+    return appearance(piece, function, stretch, march, vec4f(0.0));
+}

@@ -1,0 +1,102 @@
+// A stretch of a ray that is looked at once: what the data say at its ends, and what one look shows of it.
+#import bind/frame
+#import bind/object
+#import lib/face
+#import lib/opacity
+#import lib/style
+#import lib/transfer_function
+#import {gradient}
+#import {no_data}
+#if colors
+#import lib/seen_color
+#import lib/strongest_change
+#import lib/tint
+#end
+
+// What the data say at the boundary of two parts.
+struct Edge {
+    value: f32,
+#if colors
+    gradient: mat3x4f,
+#else
+    gradient: vec3f,
+#end
+    normal: vec3f,
+}
+
+fn edge_at(p: vec3f) -> Edge {
+    let gradient = gradient_at(p);
+    let value = sample_volume(volume, volume_sampler, p, object.texel_scale);
+#if colors
+    return Edge(value, gradient, surface_normal(strongest_change(gradient), face_normal(p)));
+#else
+    return Edge(value, gradient, surface_normal(gradient, face_normal(p)));
+#end
+}
+
+// Look `index` of the 1/share looks at a part of piece k, which goes from `before` to `place` (in steps from the piece's front).
+struct Stretch {
+    edge: Edge,
+    next: Edge,
+    piece: f32,
+    before: f32,
+    place: f32,
+    index: f32,
+    share: f32,
+}
+
+// What all stretches of a ray have in common.
+struct March {
+    // Index position of the first piece's front, and the change of a step.
+    first: vec3f,
+    stride: vec3f,
+    // Unit direction in the world, and what normals are measured against along it.
+    direction: vec3f,
+    axes: Axes,
+    // Eye depth of the first piece's front, mm, and the change of a step.
+    depth: f32,
+    depth_per_step: f32,
+}
+
+// What is seen: a style's premultiplied color, and the opacity of a reference length, data's and style's together.
+struct Seen {
+    style: vec4f,
+    alpha: f32,
+}
+
+// The value a share `w` (0 … 1) of the stretch's way behind its front.
+fn value_at(stretch: Stretch, w: f32) -> f32 {
+    return mix(stretch.edge.value, stretch.next.value, (stretch.index + w) * stretch.share);
+}
+
+// ĝ there.
+fn slope_at(stretch: Stretch, w: f32) -> vec3f {
+    let within = (stretch.index + w) * stretch.share;
+#if colors
+    return strongest_change(stretch.edge.gradient + within * (stretch.next.gradient - stretch.edge.gradient));
+#else
+    return mix(stretch.edge.gradient, stretch.next.gradient, within);
+#end
+}
+
+// That place, in steps along the ray.
+fn along(stretch: Stretch, w: f32) -> f32 {
+    return stretch.piece + mix(stretch.before, stretch.place, (stretch.index + w) * stretch.share);
+}
+
+// What a look shows of the stretch as which `piece` classifies it. `cut`: normal and weight of a face where a region ends.
+fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, cut: vec4f) -> Seen {
+    let w = piece.middle / max(piece.extinction, 1e-30);
+    let steps = along(stretch, w);
+    let p = march.first + steps * march.stride;
+    let level = style_level(march.depth + steps * march.depth_per_step);
+    let node = piece.node / max(piece.extinction, 1e-30);
+    let face = joined_faces(face_normal(p), cut);
+    let style = shade(node, function.last_node, function.row, slope_at(stretch, w), face, march.direction, march.axes, level);
+#if colors
+    let colored = tint(style, seen_color(p, function));
+#else
+    let colored = style;
+#end
+    return Seen(colored, colored.a * one_minus_exp(-piece.extinction) * validity_at(p));
+}

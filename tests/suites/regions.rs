@@ -1,0 +1,398 @@
+//! Regions: the raycaster against the f64 reference, the defects that the comparison must notice, what is shared out without a
+//! seam, edits, and the extremes.
+
+use std::sync::Arc;
+
+use fabrica_engine::Progress;
+use fabrica_engine::gpu::context::VolumeFormats;
+use fabrica_engine::measure::Difference;
+use fabrica_engine::pass::raycast::ShaderPatch;
+use fabrica_engine::reference::Reference;
+use fabrica_engine::render::{FloatImage, RenderOptions, Renderer};
+use fabrica_engine::scene::{Object, Projection, Quality, Region, Scene, StyleTransferFunction, TransferFunctionNode};
+use fabrica_engine::selection::{BrickPool, Selection};
+use fabrica_engine::spaces::Grid;
+use fabrica_engine::styles::StyleImage;
+use fabrica_engine::volume::{Rescale, Volume, Voxels};
+use fabrica_tests::compare::agrees;
+use fabrica_tests::phantom::{self, centered, lumpy};
+use fabrica_tests::{renderer, software};
+use glam::{DAffine3, DMat3, DVec3};
+
+const SIZE: [u32; 2] = [48, 40];
+
+const BODY: &[(f64, &str, f64)] = &[(150.0, "bone", 0.0), (300.0, "bone", 0.9), (700.0, "vessel", 1.0)];
+const VEIL: &[(f64, &str, f64)] = &[(100.0, "glass", 0.0), (400.0, "wax", 0.05), (600.0, "muscle", 0.1)];
+const SOLID: &[(f64, &str, f64)] = &[(250.0, "clay", 0.0), (350.0, "steel", 0.8)];
+const THIN: &[(f64, &str, f64)] = &[(100.0, "clay", 0.001), (900.0, "cool_warm", 0.02)];
+
+/// Memberships that a function of the world position in mm gives.
+fn selection(grid: &Grid, pool: &Arc<BrickPool>, f: impl Fn(DVec3) -> f64 + Sync) -> Selection {
+    let mut selection = Selection::empty(*grid, pool);
+    let world = grid.world_from_index();
+    let at = |[x, y, z]: [usize; 3]| world.transform_point3(DVec3::new(x as f64, y as f64, z as f64));
+    selection.change(grid.dims().map(|n| [0, n]), |voxel, _| (f(at(voxel)).clamp(0.0, 1.0) * 255.0).round() as u8);
+    selection
+}
+
+fn ball(p: DVec3, center: DVec3, radius: f64) -> f64 {
+    // An edge of two voxels: fuzzy.
+    0.5 + 0.5 * (radius - p.distance(center))
+}
+
+/// A transfer function of these nodes, whose styles go to the scene's.
+fn function(scene: &mut Scene, nodes: &[(f64, &str, f64)], reference_length_mm: f64) -> StyleTransferFunction {
+    let nodes = nodes.iter().map(|&(value, name, opacity)| {
+        let position = scene.styles.iter().position(|s| s.name == name).unwrap_or_else(|| {
+            let white = || Arc::new(StyleImage::flat("white", [1.0; 4]));
+            scene.styles.push(if name == "white" { white() } else { phantom::style(name) });
+            scene.styles.len() - 1
+        });
+        TransferFunctionNode { value, style: position, opacity }
+    });
+    StyleTransferFunction { nodes: nodes.collect(), reference_length_mm }
+}
+
+fn add(
+    scene: &mut Scene,
+    selection: Selection,
+    nodes: &[(f64, &str, f64)],
+    d0: f64,
+    tint: Option<[f32; 3]>,
+    opacity: f64,
+) {
+    let transfer_function = function(scene, nodes, d0);
+    let name = format!("region {}", scene.objects[0].regions.len() + 1);
+    scene.objects[0].regions.push(Region { name, selection, transfer_function, tint, opacity });
+}
+
+/// A body with a fuzzy ball, a crisp half that overlaps it, and a cut-out corner.
+fn divided(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality) -> Scene {
+    let mut scene = phantom::scene(volume, nodes, quality);
+    let pool = Arc::default();
+    let grid = &volume.grid;
+    add(&mut scene, selection(grid, &pool, |p| ball(p, DVec3::new(-4.0, 3.0, 1.0), 7.0)), SOLID, 1.0, None, 1.0);
+    let half = selection(grid, &pool, |p| f64::from(u8::from(p.x + 0.3 * p.z > 2.0)));
+    add(&mut scene, half, VEIL, 2.0, Some([0.2, 0.6, 0.9]), 0.7);
+    let corner = selection(grid, &pool, |p| f64::from(u8::from(p.min_element() > 1.0)));
+    add(&mut scene, corner, BODY, 1.0, None, 0.0);
+    scene
+}
+
+fn draw(renderer: &mut Renderer, scene: &Scene) -> FloatImage {
+    let picture = renderer.render(scene, SIZE, &RenderOptions::default(), &Progress::new()).unwrap();
+    assert!(picture.pixels.iter().flatten().all(|c| c.is_finite()));
+    picture
+}
+
+fn compare(renderer: &mut Renderer, scene: &Scene) -> Result<Difference, String> {
+    let picture = draw(renderer, scene);
+    agrees(&picture, &Reference::new(scene).unwrap().twin(SIZE, &Progress::new()).unwrap(), scene)
+}
+
+#[test]
+fn regions_draw_what_the_equations_say() {
+    let mut renderer = renderer();
+    for nodes in [BODY, VEIL, THIN] {
+        for quality in [Quality::DRAFT, Quality::STANDARD, Quality::FINAL] {
+            for projection in
+                [Projection::Perspective { fov_y_deg: 20.0 }, Projection::Orthographic { height_mm: 40.0 }]
+            {
+                let volume = lumpy();
+                let mut scene = divided(&volume, nodes, quality);
+                scene.camera = phantom::camera(&volume, DVec3::new(-0.7, 0.5, 0.4), projection);
+                let found = compare(&mut renderer, &scene);
+                println!("{} {quality:?} {projection:?}: {found:?}", nodes[0].1);
+                found.unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn regions_of_awkward_grids_draw_what_the_equations_say() {
+    let mut renderer = renderer();
+    let sheared = DMat3::from_cols(DVec3::new(0.9, 0.1, 0.0), DVec3::new(0.2, 0.8, 0.35), DVec3::new(-0.1, 0.0, 2.0));
+    for (name, dims, m) in [
+        ("anisotropic", [32, 32, 8], DMat3::from_diagonal(DVec3::new(0.8, 0.9, 3.5))),
+        ("left-handed", [30, 31, 32], DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0))),
+        ("sheared", [30, 28, 16], sheared),
+    ] {
+        let half = DVec3::from_array(dims.map(|n| (n - 1) as f64)) * 0.5;
+        let affine = DAffine3::from_mat3_translation(m, -(m * half));
+        let volume = phantom::volume(dims, affine, |p| phantom::bump(p, DVec3::new(-3.0, 1.0, 0.0), 13.0));
+        let found = compare(&mut renderer, &divided(&volume, BODY, Quality::STANDARD));
+        println!("{name}: {found:?}");
+        found.unwrap();
+    }
+}
+
+#[test]
+fn regions_of_colors_and_of_volumes_with_gaps_draw_what_the_equations_say() {
+    let mut renderer = renderer();
+    let dims = [24; 3];
+    let grid = Grid::new(dims, centered(dims, DVec3::ONE)).unwrap();
+    let place = |i: usize| DVec3::new((i % 24) as f64, (i / 24 % 24) as f64, (i / 576) as f64);
+    let color = |i: usize| {
+        let p = place(i);
+        let light = (1.2 - p.distance(DVec3::splat(11.5)) / 11.0).clamp(0.0, 1.0);
+        [(255.0 * light) as u8, (light * (60.0 + 8.0 * p.x)) as u8, (light * (250.0 - 9.0 * p.z)) as u8, 255]
+    };
+    let nodes = &[(0.01, "plaster", 0.0), (0.05, "plaster", 0.9), (0.3, "porcelain", 1.0)];
+    let colored = Arc::new(Volume::from_colors(grid, (0..13824).map(color).collect(), "test").unwrap());
+    let mut scene = phantom::scene(&colored, nodes, Quality::STANDARD);
+    let pool = Arc::default();
+    add(
+        &mut scene,
+        selection(&grid, &pool, |p| ball(p, DVec3::new(5.0, 2.0, 1.0), 7.0)),
+        nodes,
+        1.0,
+        Some([0.9, 0.2, 0.1]),
+        1.0,
+    );
+    add(&mut scene, selection(&grid, &pool, |p| 0.1 * p.z), &[(0.1, "wax", 0.1)], 1.0, None, 0.8);
+    compare(&mut renderer, &scene).unwrap();
+
+    let value = |i: usize| {
+        let p = place(i);
+        if (p.x + p.y) % 7.0 == 3.0 { f32::NAN } else { (900.0 - 70.0 * p.distance(DVec3::splat(11.0))) as f32 }
+    };
+    let volume = Volume::new(grid, Voxels::F32((0..13824).map(value).collect()), Rescale::IDENTITY, "test").unwrap();
+    compare(&mut renderer, &divided(&Arc::new(volume), THIN, Quality::STANDARD)).unwrap();
+}
+
+#[test]
+fn adapters_without_filters_draw_regions_alike() {
+    let scene = divided(&lumpy(), BODY, Quality::STANDARD);
+    let mut context = software();
+    context.formats = VolumeFormats { r16_filterable: false, r32_filterable: false, ..context.formats };
+    // Where memberships have 8 bits only, so has a software adapter's filter.
+    let found = compare(&mut Renderer::new(context), &scene);
+    println!("{found:?}");
+    found.unwrap();
+}
+
+/// What is planted must be noticed.
+fn planted(name: &str, patch: ShaderPatch) {
+    notices(&divided(&lumpy(), BODY, Quality::balanced(1.0)), name, patch);
+}
+
+fn notices(scene: &Scene, name: &str, patch: ShaderPatch) {
+    compare(&mut renderer(), scene).unwrap_or_else(|e| panic!("without the defect: {e}"));
+    let found = compare(&mut Renderer::with_patched_shaders(software(), patch), scene);
+    assert!(found.is_err(), "{name} goes unnoticed: {found:?}");
+}
+
+fn replace(text: &str, from: &str, to: &str) -> String {
+    assert!(text.contains(from), "the shader has no \"{from}\" to break");
+    text.replace(from, to)
+}
+
+#[test]
+fn defects_of_regions_are_noticed() {
+    planted("a region that is a voxel off", |t| replace(&t, "(within + 1.5)", "(within + 2.5)"));
+    planted("overlaps that are counted twice", |t| replace(&t, "shown /= max(wanted, 1.0);", ""));
+    planted("a background everywhere", |t| replace(&t, "max(1.0 - wanted, 0.0), is_rest);", "1.0, is_rest);"));
+    planted("d₀ of the background for all", |t| replace(&t, "found.alpha, look.lengths)", "found.alpha, 1.0)"));
+    planted("no tint", |t| replace(&t, "look.tint.rgb, look.tint.a)", "look.tint.rgb, 0.0)"));
+    planted("opacities left out", |t| replace(&t, "opacity_correct(look.opacity * found", "opacity_correct(found"));
+    planted("the first look for all", |t| replace(&t, "select(entry.x, 0u, is_rest)", "0u * entry.x"));
+}
+
+/// A box of one value, of which a ball is left out: its walls have no gradient but that of the memberships.
+fn hollow() -> Scene {
+    let volume = phantom::volume([24; 3], centered([24; 3], DVec3::ONE), |_| 500.0);
+    let mut scene = phantom::scene(&volume, &[(0.0, "clay", 0.9)], Quality::STANDARD);
+    let pool = Arc::default();
+    let bite = selection(&volume.grid, &pool, |p| ball(p, DVec3::new(4.0, 12.0, 6.0), 11.0));
+    add(&mut scene, bite, SOLID, 1.0, None, 0.0);
+    let core = selection(&volume.grid, &pool, |p| ball(p, DVec3::ZERO, 7.0));
+    add(&mut scene, core, &[(0.0, "engraving", 0.7)], 1.0, Some([0.9, 0.3, 0.2]), 1.0);
+    scene
+}
+
+#[test]
+fn where_a_region_ends_in_the_midst_of_tissue_there_is_a_face() {
+    let scene = hollow();
+    let found = compare(&mut renderer(), &scene);
+    println!("{found:?}");
+    found.unwrap();
+    notices(&scene, "no cut faces", |t| replace(&t, "let weight = flat * smooth", "let weight = 0.0 * smooth"));
+    notices(&scene, "cut faces that face inwards", |t| replace(&t, "vec4f(-world /", "vec4f(world /"));
+}
+
+/// Rays that end late: when one does depends on the last digit of what it has gathered.
+const ENDLESS: Quality = Quality { termination: 1e-6, ..Quality::STANDARD };
+
+/// Largest difference of any channel.
+fn difference(a: &FloatImage, b: &FloatImage) -> f32 {
+    let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
+    channels.map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
+}
+
+#[test]
+fn a_selection_that_looks_like_its_surroundings_does_not_show() {
+    let mut renderer = renderer();
+    for nodes in [BODY, VEIL, THIN] {
+        let plain = phantom::scene(&lumpy(), nodes, ENDLESS);
+        let whole = draw(&mut renderer, &plain);
+        let mut scene = plain.clone();
+        let pool = Arc::default();
+        let grid = lumpy().grid;
+        // Fuzzy, crisp, and two that meet and overlap.
+        add(&mut scene, selection(&grid, &pool, |p| ball(p, DVec3::new(-3.0, 4.0, 0.0), 8.0)), nodes, 1.0, None, 1.0);
+        add(&mut scene, selection(&grid, &pool, |p| f64::from(u8::from(p.z > 0.0))), nodes, 1.0, None, 1.0);
+        add(&mut scene, selection(&grid, &pool, |p| 0.4 - 0.1 * p.z), nodes, 1.0, None, 1.0);
+        let found = difference(&draw(&mut renderer, &scene), &whole);
+        println!("{}: {found}", nodes[0].1);
+        assert!(found < 2e-5, "{}: {found}", nodes[0].1);
+    }
+}
+
+/// A box of one value, 16 voxels of 1 mm, seen along y from the front.
+fn homogeneous(alpha: f64) -> Scene {
+    let volume = phantom::volume([16; 3], centered([16; 3], DVec3::ONE), |_| 500.0);
+    let mut scene = phantom::scene(&volume, &[(0.0, "clay", alpha)], Quality::FINAL);
+    scene.objects[0].transfer_function = function(&mut scene, &[(0.0, "white", alpha)], 1.0);
+    scene.camera = phantom::camera(&volume, DVec3::Y, Projection::Orthographic { height_mm: 8.0 });
+    scene
+}
+
+#[test]
+fn slabs_of_two_regions_let_through_what_both_do() {
+    let mut renderer = renderer();
+    // The front half, in mm of its own d₀; the background behind it.
+    for (front, d0, factor) in [(0.05, 1.0, 1.0), (0.2, 4.0, 1.0), (0.2, 1.0, 0.25), (0.9, 1.0, 0.0), (1.0, 1.0, 1.0)] {
+        let mut scene = homogeneous(0.1);
+        let grid = scene.objects[0].volume.grid;
+        let half = selection(&grid, &Arc::default(), |p| f64::from(u8::from(p.y > 0.0)));
+        add(&mut scene, half, &[(0.0, "white", front)], d0, None, factor);
+        let picture = draw(&mut renderer, &scene);
+        // Across the border, a voxel wide, the shares mix linearly: ∫ ln(1 − α(w)) dw in between.
+        let per_mm = |alpha: f64| 1.0 - (1.0 - alpha).powf(1.0 / d0.min(1.0));
+        let (a, b) = (1.0 - (1.0 - factor * front).powf(1.0 / d0), per_mm(0.1));
+        let mixed: f64 =
+            (0..10000).map(|i| (i as f64 + 0.5) / 1e4).map(|w| (1.0 - w * a - (1.0 - w) * b).ln()).sum::<f64>() / 1e4;
+        let expected = 1.0 - ((1.0 - a).ln() * 7.5 + mixed + (1.0 - b).ln() * 7.5).exp();
+        let found = f64::from(picture.pixels[(SIZE[0] / 2 + SIZE[0] * (SIZE[1] / 2)) as usize][3]);
+        println!("{front} {d0} {factor}: {found} for {expected}");
+        assert!((found - expected).abs() < 2e-4, "{front} {d0} {factor}: {found} for {expected}");
+    }
+}
+
+#[test]
+fn an_edit_draws_what_a_fresh_start_draws() {
+    let volume = lumpy();
+    let mut scene = divided(&volume, BODY, Quality::STANDARD);
+    let mut kept = renderer();
+    let before = draw(&mut kept, &scene);
+    for step in 0..4 {
+        let region = &mut scene.objects[0].regions[step % 2];
+        let center = 8 + 4 * step;
+        region.selection.change([[center, center + 9], [2, 30], [4, 20]], |[x, _, z], f| {
+            if step % 2 == 0 { f.saturating_add((16 * (x % 8) + z) as u8) } else { f / 3 }
+        });
+        let fresh = draw(&mut renderer(), &scene);
+        let found = draw(&mut kept, &scene);
+        assert_eq!(difference(&found, &fresh), 0.0, "step {step}");
+        assert!(difference(&found, &before) > 0.05, "the edit does not show");
+    }
+    // Regions that come and go.
+    let last = scene.objects[0].regions.pop().unwrap();
+    let fewer = draw(&mut kept, &scene);
+    assert_eq!(difference(&fewer, &draw(&mut renderer(), &scene)), 0.0);
+    scene.objects[0].regions.insert(0, last);
+    assert_eq!(difference(&draw(&mut kept, &scene), &draw(&mut renderer(), &scene)), 0.0);
+    scene.objects[0].regions.clear();
+    let plain = phantom::scene(&volume, BODY, Quality::STANDARD);
+    assert_eq!(difference(&draw(&mut kept, &scene), &draw(&mut renderer(), &plain)), 0.0);
+}
+
+#[test]
+fn leaping_changes_nothing_of_regions() {
+    let mut renderer = renderer();
+    let volume = phantom::volume([72, 40, 40], centered([72, 40, 40], DVec3::ONE), |p| {
+        phantom::bump(p, DVec3::new(-22.0, 0.0, 0.0), 9.0).max(phantom::bump(p, DVec3::new(24.0, 4.0, 3.0), 8.0))
+    });
+    let mut scene = phantom::scene(&volume, &[(2000.0, "bone", 0.0), (2001.0, "bone", 1.0)], Quality::STANDARD);
+    let right = selection(&volume.grid, &Arc::default(), |p| f64::from(u8::from(p.x > 3.0)));
+    add(&mut scene, right, BODY, 1.0, None, 1.0);
+    let all = RenderOptions { skip_empty: false, ..RenderOptions::default() };
+    let [leapt, walked] = [RenderOptions::default(), all]
+        .map(|options| renderer.render(&scene, SIZE, &options, &Progress::new()).unwrap());
+    assert_eq!(difference(&leapt, &walked), 0.0);
+    let shown = leapt.pixels.iter().filter(|p| p[3] > 0.5).count();
+    assert!(shown > 20, "{shown}");
+}
+
+#[test]
+fn extremes_of_regions() {
+    let mut renderer = renderer();
+    let volume = lumpy();
+    let grid = volume.grid;
+    let pool: Arc<BrickPool> = Arc::default();
+    let plain = draw(&mut renderer, &phantom::scene(&volume, BODY, ENDLESS));
+    // Nothing selected, and everything.
+    let mut scene = phantom::scene(&volume, BODY, ENDLESS);
+    add(&mut scene, Selection::empty(grid, &pool), SOLID, 1.0, Some([1.0, 0.0, 0.0]), 1.0);
+    let found = difference(&draw(&mut renderer, &scene), &plain);
+    assert!(found < 2e-5, "{found}");
+    let mut scene = phantom::scene(&volume, SOLID, ENDLESS);
+    add(&mut scene, selection(&grid, &pool, |_| 1.0), BODY, 1.0, None, 1.0);
+    let found = difference(&draw(&mut renderer, &scene), &plain);
+    assert!(found < 2e-5, "{found}");
+    // A membership of 1/255, which must neither vanish nor count as whole.
+    let mut scene = homogeneous(0.0);
+    let faint = selection(&scene.objects[0].volume.grid, &pool, |_| 1.0 / 255.0);
+    add(&mut scene, faint, &[(0.0, "white", 0.5)], 1.0, None, 1.0);
+    let found = draw(&mut renderer, &scene).pixels[(SIZE[0] / 2 + SIZE[0] * (SIZE[1] / 2)) as usize][3];
+    let expected = 1.0 - (1.0 - 0.5f32 / 255.0).powi(16);
+    assert!((found - expected).abs() < 1e-4, "{found} for {expected}");
+    // One voxel, at the corner of the grid, and a volume of one voxel.
+    let mut scene = divided(&volume, BODY, Quality::STANDARD);
+    let mut corner = Selection::empty(grid, &pool);
+    corner.change([[31, 32]; 3], |_, _| 255);
+    add(&mut scene, corner, &[(0.0, "steel", 1.0)], 1.0, None, 1.0);
+    compare(&mut renderer, &scene).unwrap();
+    let tiny = phantom::volume([1; 3], DAffine3::IDENTITY, |_| 500.0);
+    let mut scene = phantom::scene(&tiny, BODY, Quality::STANDARD);
+    add(&mut scene, selection(&tiny.grid, &pool, |_| 1.0), SOLID, 1.0, None, 1.0);
+    compare(&mut renderer, &scene).unwrap();
+    // 300 structures, some in one brick.
+    let mut scene = phantom::scene(&volume, BODY, Quality::STANDARD);
+    let cell = |p: DVec3| {
+        let [x, y, z] = (p + 16.0).to_array().map(|x| (x / 4.6) as usize);
+        x + 7 * (y + 7 * z)
+    };
+    for i in 0..300 {
+        let one = selection(&grid, &pool, |p| f64::from(u8::from(cell(p) == i)));
+        let tint = [(i % 7) as f32 / 6.0, (i % 11) as f32 / 10.0, (i % 13) as f32 / 12.0];
+        add(&mut scene, one, BODY, 1.0, Some(tint), 1.0);
+    }
+    compare(&mut renderer, &scene).unwrap();
+}
+
+#[test]
+fn regions_that_make_no_sense_are_a_sentence() {
+    let volume = lumpy();
+    let fault = |change: &dyn Fn(&mut Object)| {
+        let mut scene = divided(&volume, BODY, Quality::STANDARD);
+        change(&mut scene.objects[0]);
+        scene.validate().unwrap_err().to_string()
+    };
+    let other = Grid::new([32; 3], centered([32; 3], DVec3::splat(2.0))).unwrap();
+    let message = fault(&|o| o.regions[1].selection = Selection::empty(other, &Arc::default()));
+    assert!(message.contains("region 2") && message.contains("another grid"), "{message}");
+    let message = fault(&|o| o.regions[0].opacity = f64::NAN);
+    assert!(message.contains("opacity"), "{message}");
+    let message = fault(&|o| o.regions[0].tint = Some([0.0, 2.0, 0.0]));
+    assert!(message.contains("tint"), "{message}");
+    let message = fault(&|o| {
+        for i in 0..32 {
+            let mut region = o.regions[0].clone();
+            region.transfer_function.nodes[0].value = f64::from(i);
+            o.regions.push(region);
+        }
+    });
+    assert!(message.contains("32 is the most"), "{message}");
+}
