@@ -11,7 +11,7 @@ use fabrica_engine::measure::{Converged, median};
 use fabrica_engine::render::{RenderOptions, Renderer};
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::{Error, Progress};
-use fabrica_studio::figure::{Template, bridge};
+use fabrica_studio::figure::{Template, bridge, sources};
 
 /// Scans that no shipped template shows .
 const VOLUMES: [&str; 8] = [
@@ -88,7 +88,7 @@ fn main() {
         let name = VOLUMES[i % VOLUMES.len()];
         let text = template(data.join(name).to_str().unwrap(), &mut lot);
         let template = Template::parse(&text).unwrap();
-        let volumes = bridge::load_volumes(&template, &data, &[], &progress).unwrap();
+        let volumes = sources::load(&template, &data, &[], &[], &progress).unwrap();
         let (mut scene, _) = bridge::scene(&template, &volumes, &styles, &progress).unwrap();
         let converged = Converged::of(&scene, SIZE, &progress).unwrap();
         for bound in BOUNDS {

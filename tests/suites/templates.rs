@@ -7,7 +7,8 @@ use fabrica_engine::render::RenderOptions;
 use fabrica_engine::specimen::Request;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_studio::figure::Template;
-use fabrica_studio::figure::bridge::{Replacement, load_volumes, scene};
+use fabrica_studio::figure::bridge::scene;
+use fabrica_studio::figure::sources::{Replacement, load};
 use fabrica_studio::figure::source::VolumeSource;
 use fabrica_studio::figure::template::Domain;
 use fabrica_tests::{checkout, data, renderer};
@@ -52,7 +53,7 @@ fn shipped_templates_draw_a_small_head() {
     for file in shipped() {
         let template = Template::read(&file).unwrap();
         let progress = Progress::new();
-        let volumes = load_volumes(&template, &checkout().join("templates"), &[small_head()], &progress).unwrap();
+        let volumes = load(&template, &checkout().join("templates"), &[small_head()], &[], &progress).unwrap();
         let (scene, _) = scene(&template, &volumes, &styles, &progress).unwrap();
         let image = renderer.render(&scene, [64, 64], &RenderOptions::default(), &progress).unwrap();
         let corner = image.pixels[0];
@@ -77,7 +78,7 @@ fn a_template_fits_another_dataset_by_percentiles() {
     let mut thresholds = Vec::new();
     for file in [a, b] {
         let replacement = Replacement { source: VolumeSource::Path(file), options: Default::default() };
-        let volumes = load_volumes(&template, checkout(), &[replacement], &progress).unwrap();
+        let volumes = load(&template, checkout(), &[replacement], &[], &progress).unwrap();
         let (scene, notes) = scene(&template, &volumes, &StyleLibrary::embedded(), &progress).unwrap();
         assert!(notes.iter().any(|n| n.contains("background")), "the background must be said: {notes:?}");
         let nodes = &scene.objects[0].transfer_function.nodes;
@@ -96,11 +97,11 @@ fn faults_are_sentences() {
     let styles = StyleLibrary::embedded();
     let progress = Progress::new();
     let mut template = Template::read(&checkout().join("templates/head.json")).unwrap();
-    let volumes = load_volumes(&template, checkout(), &[small_head()], &progress).unwrap();
+    let volumes = load(&template, checkout(), &[small_head()], &[], &progress).unwrap();
     template.objects[0].transfer_function.nodes[0].style = "porcelan".to_owned();
     let message = scene(&template, &volumes, &styles, &progress).unwrap_err().to_string();
     assert!(message.contains("porcelan") && message.contains("porcelain"), "{message}");
     let two = [small_head(), small_head()];
-    let message = load_volumes(&template, checkout(), &two, &progress).unwrap_err().to_string();
+    let message = load(&template, checkout(), &two, &[], &progress).unwrap_err().to_string();
     assert!(message.contains("2 volumes are given") && message.contains("1 slot"), "{message}");
 }

@@ -15,7 +15,7 @@ use super::progress_bar::Bar;
 use super::setup::{self, parse_size, peak_memory_mb};
 use super::{UsageError, volumes};
 use crate::figure::template::{Background, Page, QualityName};
-use crate::figure::{Template, bridge};
+use crate::figure::{Template, bridge, sources};
 
 #[derive(clap::Args, Debug)]
 pub struct Arguments {
@@ -115,12 +115,12 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     let choice = arguments.adapter.clone();
     let adapter = std::thread::spawn(move || GpuContext::new(&choice));
     let folder = arguments.template.parent().unwrap_or(Path::new(""));
-    let volumes = bridge::load_volumes(&template, folder, &replacements, &progress)?;
-    for warning in volumes.iter().flat_map(|v| &v.warnings) {
+    let sources = sources::load(&template, folder, &replacements, &arguments.volumes.labels, &progress)?;
+    for warning in sources.warnings() {
         say!("warning: {warning}");
     }
     clock.lap("volumes");
-    let (mut scene, notes) = bridge::scene(&template, &volumes, &styles, &progress)?;
+    let (mut scene, notes) = bridge::scene(&template, &sources, &styles, &progress)?;
     if arguments.verbose {
         notes.iter().for_each(|note| say!("note: {note}"));
     }

@@ -14,8 +14,8 @@ use fabrica_engine::{Error, Progress};
 use serde::Serialize;
 
 use super::volumes;
-use crate::figure::bridge;
 use crate::figure::template::{QualityName, Template};
+use crate::figure::{bridge, sources};
 
 /// WIDTHxHEIGHT in pixels.
 pub fn parse_size(text: &str) -> Result<[u32; 2], String> {
@@ -59,11 +59,11 @@ impl Stage {
         let folder = template.parent().unwrap_or(Path::new(""));
         let template = Template::read(template)?;
         let renderer = Renderer::new(GpuContext::new(adapter)?);
-        let volumes = bridge::load_volumes(&template, folder, &replacements, progress)?;
-        for warning in volumes.iter().flat_map(|v| &v.warnings) {
+        let sources = sources::load(&template, folder, &replacements, &volumes.labels, progress)?;
+        for warning in sources.warnings() {
             say!("warning: {warning}");
         }
-        let (scene, _) = bridge::scene(&template, &volumes, &super::styles::library(None)?, progress)?;
+        let (scene, _) = bridge::scene(&template, &sources, &super::styles::library(None)?, progress)?;
         Ok(Self { template, scene, renderer })
     }
 

@@ -9,8 +9,8 @@ use fabrica_engine::read::raw::RawLayout;
 
 use super::UsageError;
 use super::reading::{parse_crop, parse_gigabytes, parse_reduce};
-use crate::figure::bridge::Replacement;
 use crate::figure::source::VolumeSource;
+use crate::figure::sources::Replacement;
 
 #[derive(clap::Args, Debug)]
 #[group(skip)]
@@ -34,6 +34,9 @@ pub struct Arguments {
     /// So many voxels of the --volume before it become one: a number for all axes, or three, as in 2x2x1.
     #[arg(long, value_name = "N", value_parser = parse_reduce)]
     reduce: Vec<[usize; 3]>,
+    /// A label map, or selections, in place of the template's own; repeat it to fill further places.
+    #[arg(long, value_name = "FILE_OR_DIR")]
+    pub labels: Vec<String>,
     /// The most memory that the --volume before it may take here and on the adapter, in GB; what is free unless it is given.
     #[arg(long, value_name = "GB", value_parser = parse_gigabytes)]
     memory: Vec<u64>,

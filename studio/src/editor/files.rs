@@ -14,8 +14,9 @@ use fabrica_engine::{Error, Progress};
 use super::volume_choice::VolumeChoice;
 use crate::figure::first_look;
 use crate::figure::source::VolumeSource;
-use crate::figure::template::VolumeSlot;
-use crate::figure::{Template, bridge};
+use crate::figure::sources::{Selections, Sources};
+use crate::figure::template::{SelectionSlot, VolumeSlot};
+use crate::figure::{Template, sources};
 
 /// Work on a thread of its own.
 pub struct Job<T> {
@@ -61,8 +62,8 @@ pub struct Loaded {
     pub figure: Template,
     /// Where it is saved; none for a new one.
     pub path: Option<PathBuf>,
-    /// One a slot; empty if they could not be read.
-    pub volumes: Vec<Arc<Volume>>,
+    /// Volumes, one a slot, empty if they could not be read; and selections, as many as were reached.
+    pub sources: Sources,
     /// What the user shall know, a sentence each.
     pub notes: Vec<String>,
     /// What has to be answered before its volumes can be read.
@@ -109,7 +110,7 @@ pub fn load(paths: &[PathBuf], limits: Limits, progress: &Progress) -> Result<Op
 pub fn load_figure(figure: Template, path: Option<&Path>, limits: Limits, progress: &Progress) -> Result<Opened> {
     let folder = path.and_then(Path::parent).unwrap_or(Path::new(""));
     let mut loaded =
-        Loaded { figure, path: path.map(Path::to_owned), volumes: Vec::new(), notes: Vec::new(), asked: None };
+        Loaded { figure, path: path.map(Path::to_owned), sources: Sources::default(), notes: Vec::new(), asked: None };
     let mut volumes = Vec::new();
     for (i, slot) in loaded.figure.volumes.iter().enumerate() {
         match load_slot(slot, folder, limits, progress) {
@@ -123,8 +124,14 @@ pub fn load_figure(figure: Template, path: Option<&Path>, limits: Limits, progre
             }
         }
     }
-    loaded.notes = volumes.iter().flat_map(|v| v.warnings.clone()).collect();
-    loaded.volumes = volumes;
+    loaded.sources.volumes = volumes;
+    for slot in &loaded.figure.selections {
+        let of = loaded.figure.volumes.iter().position(|v| v.name == slot.volume);
+        let Some(volume) = of.and_then(|i| loaded.sources.volumes.get(i)) else { break };
+        let read = load_selections(slot, folder, volume, progress)?;
+        loaded.sources.selections.push(read);
+    }
+    loaded.notes = loaded.sources.warnings().cloned().collect();
     Ok(Opened::Figure(Box::new(loaded)))
 }
 
@@ -170,9 +177,28 @@ pub fn slot_for(slot: &VolumeSlot, path: &Path) -> Result<VolumeSlot> {
 /// # Errors
 /// One sentence from the reader.
 pub fn load_slot(slot: &VolumeSlot, folder: &Path, limits: Limits, progress: &Progress) -> Result<Arc<Volume>> {
-    let volume = bridge::load_slot(slot, folder, limits, progress)?;
+    let volume = sources::load_slot(slot, folder, limits, progress)?;
     counted(&volume, progress)?;
     Ok(volume)
+}
+
+/// Reads the selections of a slot. Those that cannot be read are none, with a note that says why: the rest of the figure can be
+/// worked on without them.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub fn load_selections(
+    slot: &SelectionSlot,
+    folder: &Path,
+    volume: &Volume,
+    progress: &Progress,
+) -> Result<Arc<Selections>> {
+    match sources::load_selections(slot, folder, volume, progress) {
+        Err(error) if !is_cancelled(&error) => {
+            Ok(Arc::new(Selections { structures: Vec::new(), notes: vec![format!("{error:#}.")] }))
+        }
+        read => read,
+    }
 }
 
 /// Reads the volume of a slot and gives it a first look, or asks how it shall be read.
@@ -189,7 +215,7 @@ pub fn undressed(slot: VolumeSlot, limits: Limits, progress: &Progress) -> Resul
     };
     counted(&volume, progress)?;
     let notes = volume.warnings.clone();
-    Ok(Opened::Figure(Box::new(Loaded { figure, path: None, volumes: vec![volume], notes, asked: None })))
+    Ok(Opened::Figure(Box::new(Loaded { figure, path: None, sources: Sources::of(vec![volume]), notes, asked: None })))
 }
 
 /// What the file of a slot offers, and the question how it shall be read.
@@ -234,26 +260,26 @@ fn folder_of(path: &Path) -> Option<PathBuf> {
     std::path::absolute(path).ok().and_then(|p| p.parent().map(Path::to_owned))
 }
 
-/// A slot's file as it is called from the folder `new`: one in it or below it by its way from there, so that a folder can be
+/// A file's name as it is called from the folder `new`: one in it or below it by its way from there, so that a folder can be
 /// moved as a whole; any other by its whole path. Names that are no absolute paths count from `old`.
 ///
 /// # Errors
 /// One sentence for a specimen without a size.
-pub fn rename_file(slot: &mut VolumeSlot, old: Option<&Path>, new: Option<&Path>) -> Result<()> {
+pub fn rename_file(name: &mut String, old: Option<&Path>, new: Option<&Path>) -> Result<()> {
     let old = old.map(|o| std::path::absolute(o).unwrap_or_else(|_| o.to_owned())).unwrap_or_default();
-    let VolumeSource::Path(file) = VolumeSource::parse(&slot.file, &old)? else { return Ok(()) };
+    let VolumeSource::Path(file) = VolumeSource::parse(name, &old)? else { return Ok(()) };
     let named = match new.and_then(|new| file.strip_prefix(new).ok()) {
         Some(below) => below,
         // As it is called from the same place.
         None if new == Some(&old) => return Ok(()),
         None => &file,
     };
-    slot.file = named.display().to_string();
+    *name = named.display().to_string();
     Ok(())
 }
 
 fn rename_files(figure: &mut Template, old: Option<&Path>, new: Option<&Path>) -> Result<()> {
-    figure.volumes.iter_mut().try_for_each(|slot| rename_file(slot, old, new))
+    figure.files_mut().try_for_each(|name| rename_file(name, old, new))
 }
 
 /// The folders that the files of a figure count from, before and after it is saved at `path`.

@@ -1,7 +1,7 @@
 //! The figure that is open: its document, its volumes, and what is chosen in it. Panels and gestures work on this.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use eframe::egui::Response;
 use fabrica_engine::Progress;
@@ -9,7 +9,8 @@ use fabrica_engine::scene::Scene;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 
-use crate::figure::template::{ObjectTemplate, VolumeSlot};
+use crate::figure::sources::{Selections, Sources};
+use crate::figure::template::{ObjectTemplate, SelectionSlot, VolumeSlot};
 use crate::figure::{Command, Document, Template, bridge};
 
 /// A figure that is open.
@@ -26,16 +27,25 @@ pub struct OpenFigure {
     pub fault: Option<String>,
     /// Every volume that was read for it, with the slot that it was read for: undo may bring a slot back.
     volumes: Vec<(VolumeSlot, Arc<Volume>)>,
+    /// All selections that were read for it, with the slot and the volume that they were read for.
+    selections: Vec<(SelectionSlot, Weak<Volume>, Arc<Selections>)>,
     /// The scene of a figure, until the figure changes.
     scene: Option<(Arc<Template>, Option<Arc<Scene>>)>,
 }
 
 impl OpenFigure {
-    /// A figure with the volumes of its slots (none, if they could not be read).
-    pub fn new(document: Document, path: Option<PathBuf>, volumes: &[Arc<Volume>]) -> Self {
-        let slots = document.figure().volumes.clone();
-        let volumes = slots.into_iter().zip(volumes.iter().cloned()).collect();
-        Self { document, path, object: 0, node: None, fault: None, volumes, scene: None }
+    /// A figure with what was read for its slots (none, if it could not be).
+    pub fn new(document: Document, path: Option<PathBuf>, sources: &Sources) -> Self {
+        let figure = document.figure().clone();
+        let volumes = figure.volumes.iter().cloned().zip(sources.volumes.iter().cloned()).collect();
+        let (object, node, fault, scene, selections) = (0, None, None, None, Vec::new());
+        let mut open = Self { document, path, object, node, fault, volumes, selections, scene };
+        for (slot, read) in figure.selections.iter().zip(&sources.selections) {
+            if let Some(volume) = open.volume_named(&slot.volume).cloned() {
+                open.keep_selections(slot.clone(), &volume, read.clone());
+            }
+        }
+        open
     }
 
     /// What it is called in the title bar.
@@ -67,6 +77,45 @@ impl OpenFigure {
         self.volumes.iter().find(|(read, _)| read.reads_same(slot)).map(|(_, volume)| volume)
     }
 
+    /// The volume of the slot of that name, if it was read.
+    fn volume_named(&self, name: &str) -> Option<&Arc<Volume>> {
+        self.volume_of(self.document.figure().volumes.iter().find(|v| v.name == name)?)
+    }
+
+    /// The selections of a slot, if they were read for the volume that it has now.
+    pub fn selections_of(&self, slot: &SelectionSlot) -> Option<&Arc<Selections>> {
+        let volume = self.volume_named(&slot.volume)?;
+        let is_it = |(read, of, _): &&(SelectionSlot, Weak<Volume>, _)| {
+            read.reads_same(slot) && std::ptr::eq(of.as_ptr(), Arc::as_ptr(volume))
+        };
+        self.selections.iter().find(is_it).map(|(.., selections)| selections)
+    }
+
+    /// The first slot whose selections were not read, with its volume, which was.
+    pub fn missing_selections(&self) -> Option<(SelectionSlot, Arc<Volume>)> {
+        let mut slots = self.document.figure().selections.iter();
+        slots.find_map(|slot| match self.selections_of(slot) {
+            None => Some((slot.clone(), self.volume_named(&slot.volume)?.clone())),
+            Some(_) => None,
+        })
+    }
+
+    /// Keeps selections for a slot and the volume that they were read for.
+    pub fn keep_selections(&mut self, slot: SelectionSlot, volume: &Arc<Volume>, read: Arc<Selections>) {
+        self.selections.push((slot, Arc::downgrade(volume), read));
+        self.scene = None;
+    }
+
+    /// What was read for all slots; none if a volume is missing. Selections that are still to be read are empty.
+    pub fn sources(&self) -> Option<Sources> {
+        let volumes = self.volumes()?;
+        let slots = self.document.figure().selections.iter();
+        Some(Sources {
+            volumes,
+            selections: slots.map(|s| self.selections_of(s).cloned().unwrap_or_default()).collect(),
+        })
+    }
+
     /// Keeps a volume for a slot.
     pub fn keep_volume(&mut self, slot: VolumeSlot, volume: Arc<Volume>) {
         self.volumes.push((slot, volume));
@@ -74,9 +123,10 @@ impl OpenFigure {
     }
 
     /// The slots change their files' names, in the past as well: the figure is saved elsewhere.
-    pub fn rename_files(&mut self, rename: impl Fn(&mut VolumeSlot)) {
-        self.document.map_all(|figure| figure.volumes.iter_mut().for_each(&rename));
-        self.volumes.iter_mut().for_each(|(slot, _)| rename(slot));
+    pub fn rename_files(&mut self, rename: impl Fn(&mut String)) {
+        self.document.map_all(|figure| figure.files_mut().for_each(&rename));
+        self.volumes.iter_mut().for_each(|(slot, _)| rename(&mut slot.file));
+        self.selections.iter_mut().for_each(|(slot, ..)| slot.files_mut().for_each(&rename));
     }
 
     /// The object that is chosen.
@@ -100,8 +150,8 @@ impl OpenFigure {
         let figure = self.document.figure();
         if self.scene.as_ref().is_none_or(|(of, _)| !Arc::ptr_eq(of, figure)) {
             let scene = self
-                .volumes()
-                .and_then(|volumes| bridge::scene(figure, &volumes, styles, &Progress::new()).ok())
+                .sources()
+                .and_then(|sources| bridge::scene(figure, &sources, styles, &Progress::new()).ok())
                 .map(|(scene, _)| Arc::new(scene));
             self.scene = Some((figure.clone(), scene));
         }

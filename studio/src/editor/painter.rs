@@ -17,10 +17,10 @@ use fabrica_engine::progress::Progress;
 use fabrica_engine::render::{RenderOptions, Renderer};
 use fabrica_engine::scene::{Background, Quality, Scene};
 use fabrica_engine::styles::StyleLibrary;
-use fabrica_engine::volume::Volume;
 use fabrica_engine::{color, estimate};
 
 use super::files::is_cancelled;
+use crate::figure::sources::Sources;
 use crate::figure::{Template, bridge};
 
 /// A figure to draw.
@@ -28,8 +28,8 @@ use crate::figure::{Template, bridge};
 pub struct Request {
     /// What is drawn.
     pub figure: Arc<Template>,
-    /// The volumes in its slots.
-    pub volumes: Vec<Arc<Volume>>,
+    /// What was read for its slots.
+    pub sources: Sources,
     /// Pixels of the whole picture.
     pub size: [u32; 2],
     /// A button is down: nothing but the coarse picture is wanted.
@@ -315,7 +315,7 @@ fn draw(
     tell: &dyn Fn(Update),
 ) -> Result<()> {
     let start = Instant::now();
-    let (scene, _) = bridge::scene(&request.figure, &request.volumes, styles, progress)?;
+    let (scene, _) = bridge::scene(&request.figure, &request.sources, styles, progress)?;
     let draft = Scene { quality: Quality::DRAFT, ..scene.clone() };
     let rows = |size: [u32; 2], y: u32, pixels: &[[f32; 4]], stage| {
         let (size, y) = (size.map(|n| n as usize), y as usize);

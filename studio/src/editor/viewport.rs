@@ -80,12 +80,12 @@ impl Picture {
         if self.asked.as_ref().is_some_and(same) {
             return;
         }
-        let Some(volumes) = open.volumes() else {
+        let Some(sources) = open.sources() else {
             // What is shown is of another volume.
             (self.stage, self.error_codes, self.asked) = (None, None, None);
             return;
         };
-        self.number = painter.ask(Request { figure: figure.clone(), volumes, size, coarse_only });
+        self.number = painter.ask(Request { figure: figure.clone(), sources, size, coarse_only });
         (self.stage, self.error_codes, self.asked_at) = (None, None, Some(Instant::now()));
         self.asked = Some((figure.clone(), size, coarse_only));
     }
@@ -130,6 +130,7 @@ impl Picture {
 fn looks_same(a: &Arc<Template>, b: &Arc<Template>) -> bool {
     let same = |a: &Template, b: &Template| {
         a.volumes == b.volumes
+            && a.selections == b.selections
             && a.objects == b.objects
             && a.camera == b.camera
             && a.background == b.background

@@ -1,84 +1,33 @@
 //! From a template and its volumes to the engine's scene: percentiles become values, names become styles, the
 //! relative camera becomes one in world millimeters.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result, bail};
 use fabrica_engine::Progress;
 use fabrica_engine::color::linear_from_srgb8;
-use fabrica_engine::read::ReadOptions;
-use fabrica_engine::read::limits::Limits;
 use fabrica_engine::scene::{
-    self, Camera, Object, Projection, Quality, Scene, StyleTransferFunction, TransferFunctionNode,
+    self, Camera, Object, Projection, Quality, Region, Scene, StyleTransferFunction, TransferFunctionNode,
 };
+use fabrica_engine::selection::Structure;
 use fabrica_engine::styles::{StyleImage, StyleLibrary};
 use fabrica_engine::volume::Volume;
 use glam::DVec3;
 
-use super::source::VolumeSource;
+use super::sources::Sources;
 use super::template::{
-    Background, CameraTemplate, Domain, ObjectTemplate, ProjectionName, QualityName, Reference, Template, VolumeSlot,
+    Background, CameraTemplate, Domain, ObjectTemplate, ProjectionName, QualityName, Reference, RegionTemplate,
+    Template, Tint, TransferFunctionTemplate,
 };
 
-/// A volume that takes the place of a template's own.
-#[derive(Clone, Debug)]
-pub struct Replacement {
-    /// Where it comes from.
-    pub source: VolumeSource,
-    /// How to read it.
-    pub options: ReadOptions,
-}
-
-/// Loads the volume of each slot: the replacements in order, then what the template names (relative to `folder`).
-///
-/// # Errors
-/// One sentence; more replacements than slots.
-pub fn load_volumes(
-    template: &Template,
-    folder: &Path,
-    replacements: &[Replacement],
-    progress: &Progress,
-) -> Result<Vec<Arc<Volume>>> {
-    if replacements.len() > template.volumes.len() {
-        bail!(
-            "{} volumes are given and the template has {} slot{}; leave out the last ones",
-            replacements.len(),
-            template.volumes.len(),
-            if template.volumes.len() == 1 { "" } else { "s" }
-        );
-    }
-    template
-        .volumes
-        .iter()
-        .enumerate()
-        .map(|(i, slot)| {
-            if let Some(r) = replacements.get(i) {
-                return r.source.load(&r.options, progress);
-            }
-            load_slot(slot, folder, Limits::default(), progress)
-        })
-        .collect()
-}
-
-/// Loads what a template names in a slot (relative to `folder`), if it is within `limits` (none given: within what is free).
-///
-/// # Errors
-/// One sentence.
-pub fn load_slot(slot: &VolumeSlot, folder: &Path, limits: Limits, progress: &Progress) -> Result<Arc<Volume>> {
-    VolumeSource::parse(&slot.file, folder)?
-        .load(&ReadOptions { limits, ..slot.options()? }, progress)
-        .with_context(|| format!("the template's volume \"{}\" cannot be loaded", slot.name))
-}
-
-/// The scene of a template with its volumes (one per slot), and what the user might want to know about how it came
-/// about, a sentence each.
+/// The scene of a template with what was read for its slots, and what the user might want to know about how it came about, a
+/// sentence each.
 ///
 /// # Errors
 /// One sentence: an unknown style, a number that makes no sense.
 pub fn scene(
     template: &Template,
-    volumes: &[Arc<Volume>],
+    sources: &Sources,
     styles: &StyleLibrary,
     progress: &Progress,
 ) -> Result<(Scene, Vec<String>)> {
@@ -87,8 +36,18 @@ pub fn scene(
     let mut objects = Vec::new();
     for object in &template.objects {
         let slot = template.volumes.iter().position(|v| v.name == object.volume);
-        let volume = slot.and_then(|i| volumes.get(i)).context("a volume slot of the template is empty; fill it")?;
-        objects.push(make_object(object, volume, styles, &mut used, &mut notes, progress)?);
+        let volume =
+            slot.and_then(|i| sources.volumes.get(i)).context("a volume slot of the template is empty; fill it")?;
+        let mut making = Making { volume, styles, used: &mut used, notes: &mut notes, progress };
+        let mut made = making.object(object)?;
+        for region in &object.regions {
+            let slot = template.selections.iter().position(|s| s.name == region.selection);
+            let structures = slot
+                .and_then(|i| sources.selections.get(i))
+                .with_context(|| format!("the selections \"{}\" were not read", region.selection))?;
+            made.regions.extend(making.regions(region, object, &structures.structures)?);
+        }
+        objects.push(made);
     }
     let camera = camera(&template.camera, objects.first())?;
     let mut visible = template.objects.iter().map(|o| o.visible);
@@ -126,48 +85,109 @@ pub(super) fn object(
     styles: &StyleLibrary,
     progress: &Progress,
 ) -> Result<Object> {
-    make_object(template, volume, styles, &mut Vec::new(), &mut Vec::new(), progress)
+    let (used, notes) = (&mut Vec::new(), &mut Vec::new());
+    Making { volume, styles, used, notes, progress }.object(template)
 }
 
-fn make_object(
-    template: &ObjectTemplate,
-    volume: &Arc<Volume>,
-    styles: &StyleLibrary,
-    used: &mut Vec<Arc<StyleImage>>,
-    notes: &mut Vec<String>,
-    progress: &Progress,
-) -> Result<Object> {
-    let function = &template.transfer_function;
-    let voxel_mm = volume.grid.spacing_mm().min_element();
-    let value: Box<dyn Fn(f64) -> f64> = match function.domain {
-        Domain::Data => Box::new(|at| at),
-        Domain::Percentile => {
-            let statistics = volume.statistics(progress)?;
-            notes.push(format!(
-                "percentiles of \"{}\" are of its finite voxels above the background, {:.6}",
-                template.volume, statistics.background
+/// An object of a scene in the making.
+struct Making<'a> {
+    volume: &'a Arc<Volume>,
+    styles: &'a StyleLibrary,
+    /// The scene's styles so far.
+    used: &'a mut Vec<Arc<StyleImage>>,
+    notes: &'a mut Vec<String>,
+    progress: &'a Progress,
+}
+
+impl Making<'_> {
+    fn object(&mut self, template: &ObjectTemplate) -> Result<Object> {
+        if template.transfer_function.domain == Domain::Percentile {
+            let background = self.volume.statistics(self.progress)?.background;
+            self.notes.push(format!(
+                "percentiles of \"{}\" are of its finite voxels above the background, {background:.6}",
+                template.volume
             ));
-            Box::new(|at| statistics.percentile_above_background(at))
         }
-    };
-    let mut nodes = Vec::with_capacity(function.nodes.len());
-    for node in &function.nodes {
-        let style = styles.get(&node.style)?;
-        let position = used.iter().position(|s| Arc::ptr_eq(s, &style)).unwrap_or_else(|| {
-            used.push(style);
-            used.len() - 1
-        });
-        nodes.push(TransferFunctionNode { value: value(node.at), style: position, opacity: node.opacity });
+        Ok(Object {
+            volume: self.volume.clone(),
+            transfer_function: self.function(&template.transfer_function, None)?,
+            regions: Vec::new(),
+            gradient_scale_mm: template
+                .gradient_scale_mm
+                .unwrap_or_else(|| self.volume.grid.spacing_mm().min_element()),
+        })
     }
-    Ok(Object {
-        volume: volume.clone(),
-        transfer_function: StyleTransferFunction {
-            nodes,
-            reference_length_mm: function.reference_length_mm.unwrap_or(voxel_mm),
-        },
-        regions: Vec::new(),
-        gradient_scale_mm: template.gradient_scale_mm.unwrap_or(voxel_mm),
-    })
+
+    /// `style`: takes the place of its nodes' own.
+    fn function(&mut self, template: &TransferFunctionTemplate, style: Option<&str>) -> Result<StyleTransferFunction> {
+        let value: Box<dyn Fn(f64) -> f64> = match template.domain {
+            Domain::Data => Box::new(|at| at),
+            Domain::Percentile => {
+                let statistics = self.volume.statistics(self.progress)?;
+                Box::new(|at| statistics.percentile_above_background(at))
+            }
+        };
+        let mut nodes = Vec::with_capacity(template.nodes.len());
+        for node in &template.nodes {
+            let style = self.styles.get(style.unwrap_or(&node.style))?;
+            let position = self.used.iter().position(|s| Arc::ptr_eq(s, &style)).unwrap_or_else(|| {
+                self.used.push(style);
+                self.used.len() - 1
+            });
+            nodes.push(TransferFunctionNode { value: value(node.at), style: position, opacity: node.opacity });
+        }
+        let voxel_mm = self.volume.grid.spacing_mm().min_element();
+        Ok(StyleTransferFunction { nodes, reference_length_mm: template.reference_length_mm.unwrap_or(voxel_mm) })
+    }
+
+    /// The structures of a region. One that these selections do not have is a note: templates go to other data.
+    fn regions(
+        &mut self,
+        template: &RegionTemplate,
+        object: &ObjectTemplate,
+        structures: &[Structure],
+    ) -> Result<Vec<Region>> {
+        let mut regions = Vec::new();
+        for structure in structures {
+            let label = &structure.label;
+            let id = label.id.to_string();
+            let names: Vec<&str> =
+                [Some(label.name.as_str()), label.code.as_deref(), Some(&id)].into_iter().flatten().collect();
+            if template.structure.as_deref().is_some_and(|wanted| !names.contains(&wanted)) {
+                continue;
+            }
+            let look = template.look_of(&names);
+            let tint = match look.tint.unwrap_or(if template.structure.is_none() { Tint::Own } else { Tint::None }) {
+                Tint::None => None,
+                Tint::Own => Some(label.color),
+                Tint::Color(color) => Some(color),
+            };
+            let visible = look.visible.unwrap_or(true);
+            let function = look.transfer_function.as_ref().unwrap_or(&object.transfer_function);
+            regions.push(Region {
+                name: label.name.clone(),
+                selection: structure.selection.clone(),
+                transfer_function: self.function(function, look.style.as_deref())?,
+                tint: tint.map(|color| color.map(linear_from_srgb8)),
+                opacity: if visible { look.opacity.unwrap_or(1.0) } else { 0.0 },
+            });
+            if template.structure.is_some() {
+                break;
+            }
+        }
+        if regions.is_empty() {
+            self.notes.push(match &template.structure {
+                Some(structure) => {
+                    format!(
+                        "the selections \"{}\" have no structure \"{structure}\": it is not drawn",
+                        template.selection
+                    )
+                }
+                None => format!("the selections \"{}\" have no structures: none is drawn", template.selection),
+            });
+        }
+        Ok(regions)
+    }
 }
 
 /// Center and radius, in world mm, of the sphere that a camera's lengths are relative to.

@@ -7,6 +7,7 @@ pub mod first_look;
 pub mod framing;
 pub mod shipped;
 pub mod source;
+pub mod sources;
 pub mod template;
 
 pub use command::Command;

@@ -3,6 +3,8 @@
 //! Positions and lengths of the camera are relative to the object, so that a template fits the next dataset.
 //! Fields that this version does not know survive reading and writing (`extra`).
 
+mod region;
+
 use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
@@ -11,6 +13,8 @@ use fabrica_engine::read::window::Window;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+
+pub use region::{LookTemplate, RegionTemplate, SelectionSlot, StructureTemplate, Tint};
 
 /// The version that this program writes.
 pub const VERSION: u32 = 1;
@@ -25,6 +29,9 @@ pub struct Template {
     pub title: String,
     /// Slots for volumes; `--volume` fills them in order.
     pub volumes: Vec<VolumeSlot>,
+    /// Slots for selections of their voxels; `--labels` fills them in order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub selections: Vec<SelectionSlot>,
     /// What is drawn, from which slot and how.
     pub objects: Vec<ObjectTemplate>,
     /// Where it is seen from.
@@ -141,6 +148,9 @@ pub struct ObjectTemplate {
     pub visible: bool,
     /// Value → style and opacity.
     pub transfer_function: TransferFunctionTemplate,
+    /// Parts with looks of their own.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub regions: Vec<RegionTemplate>,
     /// Standard deviation, in mm, of the Gaussian that smooths what gradients are taken from.
     /// Default: one voxel (the smallest spacing). 0: no smoothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -364,6 +374,12 @@ impl Template {
         Ok(serde_json::to_string_pretty(self)? + "\n")
     }
 
+    /// The names of all files in it.
+    pub fn files_mut(&mut self) -> impl Iterator<Item = &mut String> {
+        let selections = self.selections.iter_mut().flat_map(SelectionSlot::files_mut);
+        self.volumes.iter_mut().map(|v| &mut v.file).chain(selections)
+    }
+
     pub(super) fn check(&self) -> Result<()> {
         let page = &self.figure;
         if ![page.width_mm, page.height_mm, page.dpi].iter().all(|n| *n > 0.0 && n.is_finite()) {
@@ -377,29 +393,37 @@ impl Template {
                     self.volumes.iter().map(|v| v.name.as_str()).collect::<Vec<_>>().join(", ")
                 );
             };
-            let function = &object.transfer_function;
-            if function.nodes.is_empty() {
-                bail!("the transfer function of \"{}\" has no node; add at least one", object.volume);
-            }
-            if let Some(n) = function.nodes.iter().find(|n| !n.at.is_finite()) {
-                bail!("a node is at {}; give a number", n.at);
-            }
-            if let Some(w) = function.nodes.windows(2).find(|w| w[0].at > w[1].at) {
-                bail!("the transfer function's nodes do not ascend ({} before {}); sort them", w[0].at, w[1].at);
-            }
-            if function.domain == Domain::Percentile
-                && let Some(n) = function.nodes.iter().find(|n| !(0.0..=100.0).contains(&n.at))
-            {
-                bail!("a node is at percentile {}; percentiles go from 0 to 100", n.at);
-            }
-            if let Some(n) = function.nodes.iter().find(|n| !(0.0..=1.0).contains(&n.opacity)) {
-                bail!("the node at {} has opacity {}; opacities go from 0 to 1", n.at, n.opacity);
-            }
+            object.transfer_function.check(&format!("the object \"{}\"", object.title()))?;
         }
+        region::check(self)?;
         if let Some(twice) =
             (1..self.volumes.len()).find(|i| self.volumes[..*i].iter().any(|v| v.name == self.volumes[*i].name))
         {
             bail!("two volumes are called \"{}\"; give each its own name", self.volumes[twice].name);
+        }
+        Ok(())
+    }
+}
+
+impl TransferFunctionTemplate {
+    /// Checks what the types cannot; `whose` it is begins the sentence.
+    fn check(&self, whose: &str) -> Result<()> {
+        if self.nodes.is_empty() {
+            bail!("{whose} has a transfer function without nodes; add at least one");
+        }
+        if let Some(n) = self.nodes.iter().find(|n| !n.at.is_finite()) {
+            bail!("{whose} has a node at {}; give a number", n.at);
+        }
+        if let Some(w) = self.nodes.windows(2).find(|w| w[0].at > w[1].at) {
+            bail!("{whose} has nodes that do not ascend ({} before {}); sort them", w[0].at, w[1].at);
+        }
+        if self.domain == Domain::Percentile
+            && let Some(n) = self.nodes.iter().find(|n| !(0.0..=100.0).contains(&n.at))
+        {
+            bail!("{whose} has a node at percentile {}; percentiles go from 0 to 100", n.at);
+        }
+        if let Some(n) = self.nodes.iter().find(|n| !(0.0..=1.0).contains(&n.opacity)) {
+            bail!("{whose} has a node at {} with opacity {}; opacities go from 0 to 1", n.at, n.opacity);
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use super::LabelMap;
+use super::{Label, LabelMap};
 
 /// What a table says about the numbers of label maps.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -34,9 +34,18 @@ impl LabelMap {
     /// Takes names, colors and codes from a table, by id. What the table does not say stays, and so does the entry for
     /// what belongs to no structure. Returns a sentence if the table lacks structures that have voxels or names.
     pub fn name_by(&mut self, table: &LabelTable) -> Option<String> {
+        table.name(self.labels.iter_mut().skip(1))
+    }
+}
+
+impl LabelTable {
+    /// Gives structures what it says of their numbers. Returns a sentence if it lacks some of them.
+    pub fn name<'a>(&self, labels: impl IntoIterator<Item = &'a mut Label>) -> Option<String> {
         let mut missing = Vec::new();
-        for label in self.labels.iter_mut().skip(1) {
-            let Some(entry) = table.entries.get(&label.id) else {
+        let mut num_structures = 0;
+        for label in labels {
+            num_structures += 1;
+            let Some(entry) = self.entries.get(&label.id) else {
                 missing.push(label.id.to_string());
                 continue;
             };
@@ -48,7 +57,6 @@ impl LabelMap {
                 label.code.clone_from(&entry.code);
             }
         }
-        let num_structures = self.labels.len().saturating_sub(1);
         let verb = if missing.len() == 1 { "is" } else { "are" };
         (!missing.is_empty()).then(|| {
             let n = missing.len();

@@ -309,14 +309,14 @@ fn fitted(open: &mut OpenFigure, styles: &StyleLibrary) -> CameraTemplate {
 fn write(open: &mut OpenFigure, path: &Path) -> Result<()> {
     let (old, new) = files::folders(open.path.as_deref(), path);
     let mut renamed = Template::clone(open.document.figure());
-    for slot in &mut renamed.volumes {
-        files::rename_file(slot, old.as_deref(), new.as_deref())?;
+    for name in renamed.files_mut() {
+        files::rename_file(name, old.as_deref(), new.as_deref())?;
     }
     files::save(&renamed, path)?;
     // Only now: what could not be written must not have changed.
-    open.rename_files(|slot| {
+    open.rename_files(|name| {
         // Those that can be parsed in the present could be in the past.
-        let _ = files::rename_file(slot, old.as_deref(), new.as_deref());
+        let _ = files::rename_file(name, old.as_deref(), new.as_deref());
     });
     open.document.mark_saved();
     Ok(())

@@ -35,7 +35,8 @@ use super::ui_command::UiCommand;
 use super::viewport::Viewport;
 use super::volume_choice::VolumeChoice;
 use crate::figure::Document;
-use crate::figure::template::VolumeSlot;
+use crate::figure::sources::Selections;
+use crate::figure::template::{SelectionSlot, VolumeSlot};
 
 /// With what a window begins.
 pub struct Options {
@@ -94,6 +95,8 @@ pub struct Editor {
     loading: Option<Job<Opened>>,
     /// A volume on its way into a slot; whether that is an edit, or only brings what the figure names.
     filling: Option<(Job<Arc<Volume>>, usize, VolumeSlot, bool)>,
+    /// Selections that are being read, for which slot and volume.
+    selecting: Option<(Job<Arc<Selections>>, SelectionSlot, Arc<Volume>)>,
     searching: Option<(Job<Vec<PathBuf>>, usize)>,
     /// A file that is looked at, to ask how it shall be read.
     asking: Option<Job<VolumeChoice>>,
@@ -140,6 +143,7 @@ impl Editor {
             layout: Layout::default(),
             loading: None,
             filling: None,
+            selecting: None,
             searching: None,
             asking: None,
             missing: None,
@@ -164,8 +168,11 @@ impl Editor {
 
     /// Whether something is read, or a picture is still to come.
     pub fn is_busy(&self) -> bool {
-        let waits =
-            self.loading.is_some() || self.filling.is_some() || self.searching.is_some() || self.asking.is_some();
+        let waits = self.loading.is_some()
+            || self.selecting.is_some()
+            || self.filling.is_some()
+            || self.searching.is_some()
+            || self.asking.is_some();
         let drawn = matches!(self.viewport.picture.stage, Some(Stage::Refined { .. } | Stage::Failed | Stage::Stopped));
         waits || self.open.as_ref().is_some_and(|open| open.missing().is_none() && !drawn)
     }

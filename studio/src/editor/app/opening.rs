@@ -1,7 +1,6 @@
 //! How figures and volumes come in, and go.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use eframe::egui::{Context, ViewportCommand};
 use fabrica_engine::read::limits::Limits;
@@ -19,6 +18,7 @@ use super::super::volume_choice::VolumeChoice;
 use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
 use crate::figure::shipped::SHIPPED;
+use crate::figure::sources::Sources;
 use crate::figure::template::{Domain, VolumeSlot};
 use crate::figure::{Command, Document, Template};
 
@@ -51,7 +51,7 @@ impl Editor {
             Ok((found, slot)) => {
                 let Recoverable { path, figure, .. } = found;
                 let saved = path.as_deref().and_then(|p| Template::read(p).ok());
-                self.show_document(ctx, Document::recovered(figure, saved), path, &[], Some(slot));
+                self.show_document(ctx, Document::recovered(figure, saved), path, &Sources::default(), Some(slot));
                 self.notice = Notice::now("Recovered; save it to keep it");
             }
             Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
@@ -110,7 +110,10 @@ impl Editor {
         }
         // Undo may bring back a slot that was never read.
         let Some(open) = self.open.as_ref().filter(|_| self.filling.is_none()) else { return };
-        let Some(number) = open.missing() else { return };
+        let Some(number) = open.missing() else {
+            self.poll_selections(ctx);
+            return;
+        };
         let slot = open.document.figure().volumes[number].clone();
         if self.missing.as_ref().is_some_and(|(tried, _)| *tried == slot) {
             return;
@@ -120,6 +123,25 @@ impl Editor {
             files::load_slot(&theirs, &folder, Limits::default(), p)
         });
         self.filling = Some((job, number, slot, false));
+    }
+
+    /// Selections that are not there (as undo brought a slot back, or its volume is another one) are read.
+    fn poll_selections(&mut self, ctx: &Context) {
+        if let Some((job, ..)) = &self.selecting
+            && let Some(result) = job.finished()
+            && let Some((_, slot, volume)) = self.selecting.take()
+            && let Some(open) = &mut self.open
+        {
+            let read = result.unwrap_or_default();
+            self.notice = Notice::now(read.notes.join(" "));
+            open.keep_selections(slot, &volume, read);
+            self.viewport.picture.ask_again();
+        }
+        let Some(open) = self.open.as_ref().filter(|_| self.selecting.is_none()) else { return };
+        let Some((slot, volume)) = open.missing_selections() else { return };
+        let (theirs, of, folder) = (slot.clone(), volume.clone(), open.folder().to_owned());
+        let job = Job::start(slot.file.clone(), waker(ctx), move |p| files::load_selections(&theirs, &folder, &of, p));
+        self.selecting = Some((job, slot, volume));
     }
 
     /// Reads a file for a slot; once it is there, its use is an edit.
@@ -163,10 +185,10 @@ impl Editor {
 
     pub(super) fn show_loaded(&mut self, ctx: &Context, loaded: Loaded) {
         let notes = loaded.notes.join(" ");
-        let unread = loaded.volumes.is_empty() && !loaded.figure.volumes.is_empty();
+        let unread = loaded.sources.volumes.is_empty() && !loaded.figure.volumes.is_empty();
         let place = loaded.asked.as_ref().and_then(|asked| asked.place).unwrap_or(0);
         let slot = loaded.figure.volumes.get(place).cloned();
-        self.show_document(ctx, Document::new(loaded.figure), loaded.path, &loaded.volumes, None);
+        self.show_document(ctx, Document::new(loaded.figure), loaded.path, &loaded.sources, None);
         if let (true, Some(slot)) = (unread, slot) {
             self.missing = Some((slot, notes));
             self.dialog = loaded.asked.map(|choice| Dialog::Volume(Box::new(choice)));
@@ -180,12 +202,12 @@ impl Editor {
         ctx: &Context,
         document: Document,
         path: Option<PathBuf>,
-        volumes: &[Arc<Volume>],
+        sources: &Sources,
         slot: Option<RecoverySlot>,
     ) {
         self.close_figure();
         self.autosave = Some(Autosave::start(self.session.clone(), slot, waker(ctx)));
-        let open = OpenFigure::new(document, path, volumes);
+        let open = OpenFigure::new(document, path, sources);
         ctx.send_viewport_cmd(ViewportCommand::Title(format!("{} - Fabrica", open.name())));
         self.open = Some(open);
         self.note_recent();
@@ -200,6 +222,7 @@ impl Editor {
         }
         self.open = None;
         (self.filling, self.searching, self.asking, self.missing) = (None, None, None, None);
+        self.selecting = None;
         (self.banner, self.notice) = (None, Notice::default());
         self.viewport.picture.clear();
         self.viewport.dismiss();

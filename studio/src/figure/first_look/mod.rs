@@ -103,6 +103,7 @@ pub fn first_look(volume: &Arc<Volume>, slot: VolumeSlot, progress: &Progress) -
         fabrica: VERSION,
         title: String::new(),
         volumes: vec![slot],
+        selections: Vec::new(),
         objects: vec![object],
         camera: CameraTemplate {
             relative_to: Reference::Visible,
@@ -246,6 +247,7 @@ impl Look {
             name: String::new(),
             visible: true,
             volume: volume.to_owned(),
+            regions: Vec::new(),
             transfer_function: TransferFunctionTemplate {
                 domain: self.domain,
                 // A voxel: so a film, which is as thick as the scanner's blur, is as dense at every resolution.
@@ -323,7 +325,9 @@ mod tests {
     }
 
     fn scene_of(template: &Template, volume: &Arc<Volume>) -> Scene {
-        bridge::scene(template, std::slice::from_ref(volume), &StyleLibrary::embedded(), &Progress::new()).unwrap().0
+        bridge::scene(template, &Sources::of(vec![volume.clone()]), &StyleLibrary::embedded(), &Progress::new())
+            .unwrap()
+            .0
     }
 
     fn styles(template: &Template) -> Vec<&str> {

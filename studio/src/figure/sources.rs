@@ -1,0 +1,159 @@
+//! What a figure is made from: volumes and selections, read from where its slots name them.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result, bail};
+use fabrica_engine::Progress;
+use fabrica_engine::read::ReadOptions;
+use fabrica_engine::read::label_table::read_label_table;
+use fabrica_engine::read::limits::Limits;
+use fabrica_engine::selection::{BrickPool, Structure, from_label_maps, read_selections};
+use fabrica_engine::volume::Volume;
+use fabrica_engine::volume::labels::resample_layers;
+
+use super::source::VolumeSource;
+use super::template::{SelectionSlot, Template, VolumeSlot};
+
+/// A volume that takes the place of a template's own.
+#[derive(Clone, Debug)]
+pub struct Replacement {
+    /// Where it comes from.
+    pub source: VolumeSource,
+    /// How to read it.
+    pub options: ReadOptions,
+}
+
+/// What is read for the slots of a figure.
+#[derive(Clone, Debug, Default)]
+pub struct Sources {
+    /// A volume for each slot.
+    pub volumes: Vec<Arc<Volume>>,
+    /// The structures of each slot of selections, on its volume's grid.
+    pub selections: Vec<Arc<Selections>>,
+}
+
+/// The structures of a slot of selections.
+#[derive(Clone, Debug, Default)]
+pub struct Selections {
+    /// Each with its voxels.
+    pub structures: Vec<Structure>,
+    /// What the user should know about how they were read, a sentence each.
+    pub notes: Vec<String>,
+}
+
+impl Sources {
+    /// Volumes without selections.
+    pub fn of(volumes: Vec<Arc<Volume>>) -> Self {
+        Self { volumes, selections: Vec::new() }
+    }
+
+    /// What the user should know about how everything was read, a sentence each.
+    pub fn warnings(&self) -> impl Iterator<Item = &String> {
+        self.volumes.iter().flat_map(|v| &v.warnings).chain(self.selections.iter().flat_map(|s| &s.notes))
+    }
+}
+
+/// Reads what a template names (relative to `folder`); `volumes` and `labels` come in place of the first of its slots.
+///
+/// # Errors
+/// One sentence; more replacements than slots.
+pub fn load(
+    template: &Template,
+    folder: &Path,
+    volumes: &[Replacement],
+    labels: &[String],
+    progress: &Progress,
+) -> Result<Sources> {
+    let volumes = load_volumes(template, folder, volumes, progress)?;
+    if labels.len() > template.selections.len() {
+        bail!(
+            "{} label maps are given and the template has {} of {}; leave out the last ones",
+            labels.len(),
+            if template.selections.len() == 1 { "one place" } else { "places" },
+            template.selections.len()
+        );
+    }
+    let mut sources = Sources { volumes, selections: Vec::new() };
+    for (i, slot) in template.selections.iter().enumerate() {
+        let of = template.volumes.iter().position(|v| v.name == slot.volume).and_then(|v| sources.volumes.get(v));
+        let volume = of.with_context(|| format!("the volume of the selections \"{}\" is missing", slot.name))?.clone();
+        let loaded = match labels.get(i) {
+            Some(file) => {
+                let slot = SelectionSlot { file: file.clone(), table: None, ..slot.clone() };
+                load_selections(&slot, Path::new(""), &volume, progress)?
+            }
+            None => load_selections(slot, folder, &volume, progress)?,
+        };
+        sources.selections.push(loaded);
+    }
+    Ok(sources)
+}
+
+/// Reads the selections of a slot (its files relative to `folder`), onto the grid of its volume.
+///
+/// # Errors
+/// One sentence.
+pub fn load_selections(
+    slot: &SelectionSlot,
+    folder: &Path,
+    volume: &Volume,
+    progress: &Progress,
+) -> Result<Arc<Selections>> {
+    let pool = Arc::new(BrickPool::default());
+    let read = || -> Result<Selections> {
+        let table = slot.table.as_ref().map(|table| read_label_table(&folder.join(table))).transpose()?;
+        let (mut structures, mut notes) = match VolumeSource::parse(&slot.file, folder)? {
+            VolumeSource::Path(path) => read_selections(&path, &volume.grid, &pool, progress)?,
+            VolumeSource::Specimen(request) => {
+                let labels = request.generate(progress)?.labels;
+                let layers = vec![labels];
+                let (layers, note) = resample_layers(layers, &volume.grid).map_err(anyhow::Error::msg)?;
+                (from_label_maps(&layers, &pool, progress)?, note.into_iter().collect())
+            }
+        };
+        if let Some(table) = &table {
+            notes.extend(table.name(structures.iter_mut().map(|s| &mut s.label)));
+        }
+        Ok(Selections { structures, notes })
+    };
+    read().map(Arc::new).with_context(|| format!("the template's selections \"{}\" cannot be loaded", slot.name))
+}
+
+/// Loads the volume of each slot: the replacements in order, then what the template names (relative to `folder`).
+fn load_volumes(
+    template: &Template,
+    folder: &Path,
+    replacements: &[Replacement],
+    progress: &Progress,
+) -> Result<Vec<Arc<Volume>>> {
+    if replacements.len() > template.volumes.len() {
+        bail!(
+            "{} volumes are given and the template has {} slot{}; leave out the last ones",
+            replacements.len(),
+            template.volumes.len(),
+            if template.volumes.len() == 1 { "" } else { "s" }
+        );
+    }
+    template
+        .volumes
+        .iter()
+        .enumerate()
+        .map(|(i, slot)| {
+            if let Some(r) = replacements.get(i) {
+                return r.source.load(&r.options, progress);
+            }
+            load_slot(slot, folder, Limits::default(), progress)
+        })
+        .collect()
+}
+
+/// Loads what a template names in a slot (relative to `folder`), if it is within `limits` (none given: within what is free).
+///
+/// # Errors
+/// One sentence.
+pub fn load_slot(slot: &VolumeSlot, folder: &Path, limits: Limits, progress: &Progress) -> Result<Arc<Volume>> {
+    VolumeSource::parse(&slot.file, folder)?
+        .load(&ReadOptions { limits, ..slot.options()? }, progress)
+        .with_context(|| format!("the template's volume \"{}\" cannot be loaded", slot.name))
+}

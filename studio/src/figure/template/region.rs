@@ -1,0 +1,260 @@
+//! What a template says of selected parts: where their voxels come from, and how they look.
+
+use anyhow::{Result, bail};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use super::{ObjectTemplate, Template, TransferFunctionTemplate};
+
+/// A place for selections: a label map, or other selections of a volume's voxels.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SelectionSlot {
+    /// What regions call it.
+    pub name: String,
+    /// The slot of the volume whose voxels are selected.
+    pub volume: String,
+    /// A label map (a file or folder, relative to the template; "specimen:…" for that specimen's own), or selections that
+    /// `fabrica select` wrote.
+    pub file: String,
+    /// Names and colors for its numbers, where the label map has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub table: Option<String>,
+    /// Fields of other versions, kept as they are.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+/// A selected part of an object, or several, with a look of its own. Regions and what is left of the object share out its volume:
+/// what is in a region is not drawn as the object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RegionTemplate {
+    /// What it is called. Default: the structure's name, else the slot's.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub name: String,
+    /// The slot of its selections.
+    pub selection: String,
+    /// Name, code ("SCT:10200004") or number of the structure in it; without one all of them, which is a group.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub structure: Option<String>,
+    /// How it looks; of a group, how those look that have no look of their own.
+    #[serde(default, skip_serializing_if = "LookTemplate::is_default")]
+    pub look: LookTemplate,
+    /// The structures of a group that look different.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub structures: Vec<StructureTemplate>,
+    /// Fields of other versions, kept as they are.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+/// A structure of a group, with what its look has that the group's has not.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StructureTemplate {
+    /// Its name, code or number.
+    pub structure: String,
+    /// What differs.
+    #[serde(default, skip_serializing_if = "LookTemplate::is_default")]
+    pub look: LookTemplate,
+    /// Fields of other versions, kept as they are.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+/// A look, as far as it differs from that of what surrounds it: the group, else the object.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LookTemplate {
+    /// Whether it is drawn; what is not is cut out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub visible: Option<bool>,
+    /// Factor, 0 to 1, of opacity.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub opacity: Option<f64>,
+    /// The color that takes the place of the styles' own, lit as they are. Default: "own" in a group, "none" elsewhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tint: Option<Tint>,
+    /// Name of the style that takes the place of all of the transfer function's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub style: Option<String>,
+    /// Value → style and opacity.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub transfer_function: Option<TransferFunctionTemplate>,
+    /// Fields of other versions, kept as they are.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+/// A color in place of the styles'.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tint {
+    /// The styles' own colors.
+    None,
+    /// The structure's color in its label map.
+    Own,
+    /// An sRGB color.
+    Color([u8; 3]),
+}
+
+impl SelectionSlot {
+    /// Whether the same voxels are read, whatever the slot is called.
+    pub fn reads_same(&self, other: &Self) -> bool {
+        (&self.volume, &self.file, &self.table) == (&other.volume, &other.file, &other.table)
+    }
+
+    /// Names of files in it.
+    pub fn files_mut(&mut self) -> impl Iterator<Item = &mut String> {
+        std::iter::once(&mut self.file).chain(self.table.as_mut())
+    }
+}
+
+impl LookTemplate {
+    /// Whether it says nothing.
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// This look, and where it says nothing what `other` says.
+    #[must_use]
+    pub fn or(&self, other: &Self) -> Self {
+        Self {
+            visible: self.visible.or(other.visible),
+            opacity: self.opacity.or(other.opacity),
+            tint: self.tint.or(other.tint),
+            style: self.style.clone().or_else(|| other.style.clone()),
+            transfer_function: self.transfer_function.clone().or_else(|| other.transfer_function.clone()),
+            extra: self.extra.clone(),
+        }
+    }
+
+    fn check(&self, whose: &str) -> Result<()> {
+        if let Some(opacity) = self.opacity.filter(|o| !(0.0..=1.0).contains(o)) {
+            bail!("{whose} has opacity {opacity}; opacities go from 0 to 1");
+        }
+        self.transfer_function.as_ref().map_or(Ok(()), |function| function.check(whose))
+    }
+}
+
+impl RegionTemplate {
+    /// All or one of the structures in the slot `selection`, looking as what surrounds them.
+    pub fn of(selection: &str, structure: Option<String>) -> Self {
+        Self {
+            name: String::new(),
+            selection: selection.to_owned(),
+            structure,
+            look: LookTemplate::default(),
+            structures: Vec::new(),
+            extra: Map::new(),
+        }
+    }
+
+    /// What it is called.
+    pub fn title(&self) -> &str {
+        match (&self.name, &self.structure) {
+            (name, _) if !name.is_empty() => name,
+            (_, Some(structure)) => structure,
+            _ => &self.selection,
+        }
+    }
+
+    /// The look of a structure in it that is called by any of `names`.
+    pub fn look_of(&self, names: &[&str]) -> LookTemplate {
+        let own = self.structures.iter().find(|s| names.contains(&s.structure.as_str()));
+        own.map_or_else(|| self.look.clone(), |own| own.look.or(&self.look))
+    }
+}
+
+/// Checks what the types cannot.
+pub(super) fn check(template: &Template) -> Result<()> {
+    for (i, slot) in template.selections.iter().enumerate() {
+        if !template.volumes.iter().any(|v| v.name == slot.volume) {
+            let names: Vec<&str> = template.volumes.iter().map(|v| v.name.as_str()).collect();
+            bail!(
+                "the selections \"{}\" are of the volume \"{}\", which is not among the volumes; name one of: {}",
+                slot.name,
+                slot.volume,
+                names.join(", ")
+            );
+        }
+        if template.selections[..i].iter().any(|s| s.name == slot.name) {
+            bail!("two places for selections are called \"{}\"; give each its own name", slot.name);
+        }
+    }
+    template.objects.iter().try_for_each(|object| check_regions(template, object))
+}
+
+fn check_regions(template: &Template, object: &ObjectTemplate) -> Result<()> {
+    for region in &object.regions {
+        let title = region.title();
+        let Some(slot) = template.selections.iter().find(|s| s.name == region.selection) else {
+            let names: Vec<&str> = template.selections.iter().map(|s| s.name.as_str()).collect();
+            bail!(
+                "the region \"{title}\" uses the selections \"{}\", which are not there; name one of: {}",
+                region.selection,
+                names.join(", ")
+            );
+        };
+        if slot.volume != object.volume {
+            bail!(
+                "the region \"{title}\" selects voxels of \"{}\" in an object of \"{}\"; use selections of that volume",
+                slot.volume,
+                object.volume
+            );
+        }
+        region.look.check(&format!("the region \"{title}\""))?;
+        for structure in &region.structures {
+            structure.look.check(&format!("the structure \"{}\"", structure.structure))?;
+        }
+    }
+    Ok(())
+}
+
+impl std::str::FromStr for Tint {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        match text {
+            "none" => Ok(Self::None),
+            "own" => Ok(Self::Own),
+            _ => match text.parse() {
+                Ok(super::Background::Color(color)) => Ok(Self::Color(color)),
+                _ => Err(format!("\"{text}\" is no tint; write own, none or a color as #rrggbb")),
+            },
+        }
+    }
+}
+
+impl std::fmt::Display for Tint {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::None => f.write_str("none"),
+            Self::Own => f.write_str("own"),
+            Self::Color([r, g, b]) => write!(f, "#{r:02x}{g:02x}{b:02x}"),
+        }
+    }
+}
+
+impl Serialize for Tint {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Tint {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
+    }
+}
+
+impl JsonSchema for Tint {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Tint".into()
+    }
+
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        schemars::json_schema!({
+            "type": "string",
+            "description": "\"own\": the structure's color in its label map; \"none\": the styles' own colors; or an sRGB color.",
+            "pattern": "^(own|none|#[0-9a-fA-F]{6})$"
+        })
+    }
+}
