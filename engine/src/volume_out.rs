@@ -5,6 +5,7 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::image_out::save_atomic;
+use crate::spaces::Grid;
 use crate::volume::{Rescale, Volume, Voxel as _};
 use crate::with_voxels;
 
@@ -15,19 +16,14 @@ use crate::with_voxels;
 /// [`Error::File`] if it cannot be written.
 pub fn write_nrrd(path: &Path, volume: &Volume) -> Result<()> {
     let [nx, ny, nz] = volume.grid.dims();
-    let affine = volume.grid.world_from_index();
-    let vector = |v: glam::DVec3| format!("({:?},{:?},{:?})", v.x, v.y, v.z);
+    let (directions, origin) = nrrd_place(&volume.grid);
     let endian = if cfg!(target_endian = "big") { "big" } else { "little" };
     let stored = volume.rescale == Rescale::IDENTITY;
     let type_name = if stored { volume.voxels.type_name() } else { "float32" };
     let mut header = format!(
         "NRRD0004\ntype: {}\ndimension: 3\nspace: right-anterior-superior\nsizes: {nx} {ny} {nz}\n\
-         space directions: {} {} {}\nspace origin: {}\nkinds: domain domain domain\nendian: {endian}\nencoding: raw\n",
+         space directions: {directions}\nspace origin: {origin}\nkinds: domain domain domain\nendian: {endian}\nencoding: raw\n",
         type_name.replace("float32", "float").replace("float64", "double"),
-        vector(affine.matrix3.x_axis),
-        vector(affine.matrix3.y_axis),
-        vector(affine.matrix3.z_axis),
-        vector(affine.translation),
     );
     header.push('\n');
     save_atomic(path, |file| {
@@ -42,4 +38,12 @@ pub fn write_nrrd(path: &Path, volume: &Volume) -> Result<()> {
             })
         })
     })
+}
+
+/// `space directions` of the three axes and `space origin` of a NRRD header in RAS mm, to the last bit.
+pub(crate) fn nrrd_place(grid: &Grid) -> (String, String) {
+    let affine = grid.world_from_index();
+    let vector = |v: glam::DVec3| format!("({:?},{:?},{:?})", v.x, v.y, v.z);
+    let m = affine.matrix3;
+    ([m.x_axis, m.y_axis, m.z_axis].map(vector).join(" "), vector(affine.translation))
 }

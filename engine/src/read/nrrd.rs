@@ -7,6 +7,7 @@ mod segments;
 
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -14,11 +15,12 @@ use super::parts::{self, Part, Parts};
 use super::stream::{self, ByteSource, ElementType, Endian, HexBytes, Pick, PickedBytes, VoxelRequest};
 use super::window::{Averaging, OnGrid};
 use super::{
-    Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, numbers_as_labels, volume_of,
-    window_labels,
+    Entry, HEAD_BYTES, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of,
+    numbers_as_labels, volume_of, window_labels,
 };
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::selection::{BrickPool, Structure};
 use crate::volume::labels::LabelMap;
 use crate::volume::{Modality, Rescale, Volume, Voxels};
 
@@ -65,6 +67,19 @@ impl VolumeReader for NrrdReader {
         let layers = segments::read(path, opened, progress)?;
         layers.into_iter().map(|layer| window_labels(path, layer, options.window)).collect()
     }
+}
+
+/// The selections of a file whose voxels belong to structures in part, with notes; nothing if it is another file.
+///
+/// # Errors
+/// As [`VolumeReader::read_labels`].
+pub fn read_fractional(
+    path: &Path,
+    pool: &Arc<BrickPool>,
+    progress: &Progress,
+) -> Result<Option<(Vec<Structure>, Vec<String>)>> {
+    let is_nrrd = path.is_file() && NrrdReader.recognizes(path, &ByteSource::open(path)?.read_up_to(HEAD_BYTES)?);
+    if is_nrrd { segments::read_fractional(path, Opened::open(path)?, pool, progress) } else { Ok(None) }
 }
 
 /// A file whose header is understood and whose voxels are there as far as the file's size tells.

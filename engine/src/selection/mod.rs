@@ -4,18 +4,52 @@
 //! all of its bricks with the original, an edit makes new ones where it touches only, equal bricks are in memory once, and what
 //! an edit has changed is found by comparing addresses: that is what undo steps and uploads are made of.
 
+//!
+//! What makes one: [`Shape`] and [`Lasso`] in space, a range of a scan's values ([`select_range`]), growing from seeds
+//! ([`Growth`]), the structures of label maps ([`from_label_maps`]), files ([`read_selections`]). Each gives a selection of its
+//! own, and [`Selection::combine`] puts it into another; only the brush ([`Stroke`]) edits in place. "In" means a membership of at least 0.5 ([`IN`]) wherever there must be a border: distances, islands, holes, label maps.
+
 mod brick;
+mod combine;
+mod file;
+mod fill;
+mod grow;
+mod lasso;
+mod limits;
+mod morphology;
+mod range;
+mod resample;
+mod runs;
+mod shape;
+mod stroke;
+mod structures;
 
 use std::sync::Arc;
 
 pub use brick::{Brick, BrickPool, BrickVoxels};
+pub use combine::Combination;
+pub use file::{read_selections, write_fractional, write_segmentation};
+pub use grow::{Growth, Seeds, select_grown};
+pub use lasso::{DepthRange, Lasso, ScreenFromWorld, projection};
+pub use limits::{Limits, ValueLimit};
+pub use morphology::{Holes, Islands};
+pub use range::{Edge, select_range};
 use rayon::prelude::*;
+pub use runs::Connectivity;
+pub use shape::Shape;
+pub use stroke::{Brush, BrushMode, Profile, Stroke};
+pub use structures::{Structure, from_label_maps, make_distinct, to_layers, to_partition};
 
 use crate::spaces::Grid;
 pub use crate::volume::bricks::BRICK;
+use crate::volume::{Volume, Voxel as _};
+use crate::with_voxels;
 
 /// Voxels in a brick.
 pub const BRICK_VOXELS: usize = BRICK * BRICK * BRICK;
+
+/// The smallest membership that counts as in, where something must be either in or out: 128/255, the first above 0.5.
+pub const IN: u8 = 128;
 
 /// Bricks along the edge of a chunk.
 const CHUNK: usize = 8;
@@ -147,6 +181,101 @@ impl Selection {
         self.chunks.iter().flatten().all(|chunk| chunk.sum == 0)
     }
 
+    /// The mean data value of a scan on its grid, each voxel weighing as much as it belongs; `None` if no voxel with a number
+    /// belongs, or the scan has another number of voxels.
+    pub fn mean_of(&self, scan: &Volume) -> Option<f64> {
+        let dims = self.grid.dims();
+        if scan.grid.dims() != dims {
+            return None;
+        }
+        let bricks: Vec<_> = self.bricks().collect();
+        let sums = with_voxels!(&scan.voxels, stored => bricks.into_par_iter().with_min_len(64).map(|(place, brick)| {
+            let values = brick.values();
+            let [nx, ny, nz] = self.room(place);
+            let (mut sum, mut weight) = (0.0, 0.0);
+            for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
+                let row = dims[0] * (place[1] * BRICK + y + dims[1] * (place[2] * BRICK + z)) + place[0] * BRICK;
+                for (f, value) in values[BRICK * (y + BRICK * z)..].iter().zip(&stored[row..row + nx]) {
+                    if *f > 0 && value.is_finite() {
+                        sum += f64::from(*f) * value.to_f64();
+                        weight += f64::from(*f);
+                    }
+                }
+            }
+            (sum, weight)
+        }).collect::<Vec<_>>());
+        // One after the other, so that it is the same in every run.
+        let (sum, weight) = sums.into_iter().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        (weight > 0.0).then(|| scan.rescale.value(sum / weight))
+    }
+
+    /// Memberships of a box, x fastest.
+    ///
+    /// # Panics
+    /// If it reaches beyond the grid.
+    pub fn values(&self, voxels: VoxelBox) -> Vec<u8> {
+        let dims = self.grid.dims();
+        assert!((0..3).all(|a| voxels[a][1] <= dims[a]), "box {voxels:?} of {dims:?}");
+        let [nx, ny, nz] = voxels.map(|[from, to]| to.saturating_sub(from));
+        let mut values = vec![0; nx * ny * nz];
+        for place in fill::places(voxels) {
+            let brick = self.brick(place);
+            if brick.is_empty() {
+                continue;
+            }
+            let part: VoxelBox = std::array::from_fn(|a| {
+                let first = place[a] * BRICK;
+                [voxels[a][0].max(first), voxels[a][1].min(first + BRICK)]
+            });
+            for z in part[2][0]..part[2][1] {
+                for y in part[1][0]..part[1][1] {
+                    let start = nx * (y - voxels[1][0] + ny * (z - voxels[2][0]));
+                    let row = &mut values[start + part[0][0] - voxels[0][0]..start + part[0][1] - voxels[0][0]];
+                    match brick {
+                        Brick::Uniform(value) => row.fill(*value),
+                        Brick::Voxels(brick) => {
+                            let start = BRICK * (y % BRICK + BRICK * (z % BRICK)) + part[0][0] % BRICK;
+                            row.copy_from_slice(&brick.values[start..start + row.len()]);
+                        }
+                    }
+                }
+            }
+        }
+        values
+    }
+
+    /// Puts bricks in their places; returns what was there, of those that differ.
+    ///
+    /// # Panics
+    /// If a place lies outside the grid.
+    pub fn replace(&mut self, bricks: Vec<([usize; 3], Brick)>) -> BrickDiff {
+        let differs = |(place, brick): &([usize; 3], Brick)| !self.brick(*place).is_same(brick);
+        let bricks = bricks.into_iter().map(|(place, brick)| (place, self.clipped(place, brick)));
+        let mut diff = BrickDiff { bricks: bricks.filter(differs).collect() };
+        self.swap(&mut diff);
+        diff
+    }
+
+    /// How many voxels of a brick lie in the grid, along x, y, z.
+    fn room(&self, place: [usize; 3]) -> [usize; 3] {
+        std::array::from_fn(|a| self.grid.dims()[a].saturating_sub(place[a] * BRICK).min(BRICK))
+    }
+
+    /// The brick with nothing beyond the grid.
+    fn clipped(&self, place: [usize; 3], brick: Brick) -> Brick {
+        let room = self.room(place);
+        if brick.is_empty() || room == [BRICK; 3] {
+            return brick;
+        }
+        let mut values = brick.values();
+        let is_outside = |i: usize| {
+            let at = [i % BRICK, i / BRICK % BRICK, i / (BRICK * BRICK)];
+            (0..3).any(|a| at[a] >= room[a])
+        };
+        values.iter_mut().enumerate().filter(|(i, _)| is_outside(*i)).for_each(|(_, value)| *value = 0);
+        self.pool.brick(&values)
+    }
+
     /// Changes the voxels of a box, clipped to the grid: `change` gets a voxel's place and membership and gives its new one.
     /// Returns what the bricks were before. Work and memory are those of the bricks that the box touches.
     pub fn change(&mut self, voxels: VoxelBox, change: impl Fn([usize; 3], u8) -> u8 + Sync) -> BrickDiff {
@@ -155,12 +284,7 @@ impl Selection {
         if voxels.iter().any(|[from, to]| from >= to) {
             return BrickDiff::default();
         }
-        let range = voxels.map(|[from, to]| from / BRICK..to.div_ceil(BRICK));
-        let places: Vec<[usize; 3]> = (range[2].clone())
-            .flat_map(|z| range[1].clone().map(move |y| [y, z]))
-            .flat_map(|[y, z]| range[0].clone().map(move |x| [x, y, z]))
-            .collect();
-        let changed = places.into_par_iter().with_min_len(16).filter_map(|place| {
+        let changed = fill::places(voxels).into_par_iter().with_min_len(16).filter_map(|place| {
             let old = self.brick(place);
             let mut values = old.values();
             let mut differs = false;
@@ -214,10 +338,7 @@ impl Selection {
     fn sum_up(&mut self, index: usize) {
         // Uniform bricks are as large as the grid lets them be.
         let first = self.first_brick(index);
-        let room = |j: usize| -> [usize; 3] {
-            let place = place_in_chunk(first, j);
-            std::array::from_fn(|a| (self.grid.dims()[a].saturating_sub(place[a] * BRICK)).min(BRICK))
-        };
+        let room = |j: usize| self.room(place_in_chunk(first, j));
         let Some(chunk) = &self.chunks[index] else { return };
         let (mut sum, mut bounds) = (0, None);
         for (j, brick) in chunk.bricks.iter().enumerate().filter(|(_, brick)| !brick.is_empty()) {
@@ -298,79 +419,6 @@ fn joined(a: Option<VoxelBox>, b: VoxelBox) -> VoxelBox {
 }
 
 #[cfg(test)]
-mod tests {
-    use glam::{DAffine3, DVec3};
-
-    use super::*;
-
-    fn empty(dims: [usize; 3]) -> Selection {
-        let grid = Grid::new(dims, DAffine3::from_scale(DVec3::new(0.5, 1.0, 2.0))).unwrap();
-        Selection::empty(grid, &Arc::new(BrickPool::default()))
-    }
-
-    fn whole(selection: &Selection) -> VoxelBox {
-        selection.grid().dims().map(|n| [0, n])
-    }
-
-    /// Every voxel, by the slow way.
-    fn voxels(selection: &Selection) -> Vec<u8> {
-        let [nx, ny, nz] = selection.grid().dims();
-        (0..nx * ny * nz).map(|i| selection.get([i % nx, i / nx % ny, i / (nx * ny)])).collect()
-    }
-
-    #[test]
-    fn an_edit_is_what_it_says_and_can_be_taken_back() {
-        let mut selection = empty([70, 9, 17]);
-        assert!(selection.is_empty() && selection.bounds().is_none());
-        let ramp = |[x, y, z]: [usize; 3], _: u8| (x + 3 * y + 5 * z) as u8;
-        let undo = selection.change([[2, 69], [3, 9], [4, 500]], ramp);
-        let before = selection.clone();
-        let mut expected = vec![0; 70 * 9 * 17];
-        for (x, y, z) in (4..17).flat_map(|z| (3..9).flat_map(move |y| (2..69).map(move |x| (x, y, z)))) {
-            expected[x + 70 * (y + 9 * z)] = ramp([x, y, z], 0);
-        }
-        assert_eq!(voxels(&selection), expected);
-        assert_eq!(selection.bounds(), Some([[2, 69], [3, 9], [4, 17]]));
-        let sum: f64 = expected.iter().map(|v| f64::from(*v) / 255.0).sum();
-        assert!((selection.num_voxels() - sum).abs() < 1e-9 && (selection.volume_ml() - sum * 1e-3).abs() < 1e-12);
-
-        // A second edit of one corner touches its bricks only, and the copy keeps what it had.
-        let mut second = selection.change([[0, 3], [0, 4], [0, 5]], |_, _| 255);
-        assert_eq!(second.places().collect::<Vec<_>>(), [[0, 0, 0]]);
-        assert_eq!(selection.changed_since(&before), [[0, 0, 0]]);
-        assert_eq!(voxels(&before), expected);
-        selection.swap(&mut second);
-        assert_eq!(voxels(&selection), expected);
-        assert!(selection.changed_since(&before).is_empty());
-        selection.swap(&mut second);
-        assert_eq!(selection.get([0, 0, 0]), 255);
-        selection.swap(&mut second);
-        let mut first = undo;
-        selection.swap(&mut first);
-        assert!(selection.is_empty() && selection.bounds().is_none() && selection.bricks().next().is_none());
-    }
-
-    #[test]
-    fn equal_bricks_are_in_memory_once() {
-        let mut selection = empty([64, 64, 64]);
-        // The same slope in each of 512 bricks.
-        selection.change(whole(&selection), |[x, y, z], _| ((x % 8) * 30 + y % 8 + z % 8) as u8);
-        let Brick::Voxels(first) = selection.brick([0, 0, 0]) else { panic!("uniform") };
-        assert!(selection.bricks().all(|(_, b)| matches!(b, Brick::Voxels(v) if Arc::ptr_eq(v, first))));
-        assert_eq!(selection.pool().num_bricks(), 1);
-        // Bricks that nobody has any more are forgotten.
-        selection.change(whole(&selection), |_, _| 9);
-        assert!(selection.bricks().all(|(_, b)| matches!(b, Brick::Uniform(9))));
-        assert_eq!(selection.pool().num_bricks(), 0);
-    }
-
-    #[test]
-    fn beyond_the_grid_nothing_is_selected() {
-        let mut selection = empty([9, 9, 9]);
-        selection.change([[0, 99], [0, 99], [0, 99]], |_, _| 255);
-        assert_eq!(selection.bounds(), Some([[0, 9]; 3]));
-        assert_eq!(selection.num_voxels(), 729.0);
-        assert!(selection.change([[5, 5], [0, 9], [0, 9]], |_, _| 0).is_empty());
-        assert!(selection.change([[0, 9]; 3], |_, old| old).is_empty(), "what changes nothing is no change");
-    }
-}
+mod storage_tests;
+#[cfg(test)]
+mod tests;

@@ -17,6 +17,7 @@ mod plot;
 mod progress_bar;
 mod reading;
 mod render;
+mod select;
 mod setup;
 mod styles;
 mod survey;
@@ -51,6 +52,8 @@ enum Command {
     Bench(bench::Arguments),
     /// Say what a volume is: format, size, orientation, values, warnings.
     Inspect(inspect::Arguments),
+    /// Select parts of a volume by values, shapes, seeds and label maps; write and measure them.
+    Select(select::Arguments),
     /// List the graphics adapters that can draw.
     Adapters(adapters::Arguments),
     /// List the lit-sphere styles that templates can name.
@@ -105,6 +108,7 @@ fn run(command: Command, matches: &clap::ArgMatches) -> Result<()> {
         Command::Measure(arguments) => measure::run(&arguments, matches),
         Command::Bench(arguments) => bench::run(&arguments, matches),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Select(arguments) => select::run(&arguments, matches),
         Command::Adapters(arguments) => adapters::run(&arguments),
         Command::Styles(arguments) => styles::run(&arguments),
         Command::Schema => {

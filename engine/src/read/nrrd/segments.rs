@@ -9,13 +9,16 @@ use std::collections::{BTreeMap, HashMap};
 use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
 use super::{Encoding, Opened};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::read::label_table::{code_of, readable};
-use crate::read::stream::{self, HexBytes, VoxelRequest};
+use crate::read::stream::{self, ElementType, HexBytes, VoxelRequest};
 use crate::read::window::{Averaging, Window};
+use crate::selection::{BRICK, BrickPool, Selection, Structure};
+use crate::spaces::Grid;
 use crate::volume::labels::{Label, LabelMap, LayerBuilder, background, distinct_color, numbered};
 use crate::volume::{Voxel as _, Voxels};
 use crate::with_voxels;
@@ -61,7 +64,7 @@ fn segments(keys: &[(String, String)]) -> BTreeMap<u32, Segment> {
         let Some((number, field)) = number_and_field(key) else { continue };
         let segment = segments.entry(number).or_default();
         let value = value.trim();
-        let text = || Some(readable(&value.replace("\\n", " ").replace("\\\\", "\\"))).filter(|t| !t.is_empty());
+        let text = || Some(readable(&unescaped(value))).filter(|t| !t.is_empty());
         match field {
             "Name" => segment.name = text(),
             "ID" => segment.id = text(),
@@ -73,6 +76,24 @@ fn segments(keys: &[(String, String)]) -> BTreeMap<u32, Segment> {
         }
     }
     segments
+}
+
+/// The value of a key, in which `\n` ends a line and `\\` is a backslash; lines become one.
+fn unescaped(value: &str) -> String {
+    let mut text = String::with_capacity(value.len());
+    let mut chars = value.chars();
+    while let Some(c) = chars.next() {
+        match (c, (c == '\\').then(|| chars.clone().next()).flatten()) {
+            ('\\', Some('n')) => text.push(' '),
+            ('\\', Some('\\')) => text.push('\\'),
+            _ => {
+                text.push(c);
+                continue;
+            }
+        }
+        chars.next();
+    }
+    text
 }
 
 /// Three numbers from 0 to 1.
@@ -92,13 +113,84 @@ fn code(tags: &str) -> Option<String> {
     code_of(concept(2), concept(3))
 }
 
+/// Whether voxels belong to structures in part.
+fn is_fractional(opened: &Opened) -> bool {
+    opened.keys.iter().any(|(k, v)| k.ends_with("Representation") && v.contains("Fractional"))
+}
+
+/// Reads structures to which voxels belong in part, as [`write_fractional`](crate::selection::write_fractional) writes them, with
+/// notes; nothing if voxels belong wholly to theirs. Layers are put into bricks eight slices at a time.
+///
+/// # Errors
+/// One sentence for memberships that are no bytes, data that end early or are damaged.
+pub fn read_fractional(
+    path: &Path,
+    opened: Opened,
+    pool: &Arc<BrickPool>,
+    progress: &Progress,
+) -> Result<Option<(Vec<Structure>, Vec<String>)>> {
+    if !is_fractional(&opened) {
+        return Ok(None);
+    }
+    if opened.element != ElementType::U8 {
+        let what = format!("its structures are fractional and of type {}", opened.entry.type_name);
+        return Err(Error::file(path, what, "save it as uint8, 255 where a voxel belongs wholly"));
+    }
+    let (grid, notes) = (opened.entry.grid, opened.warnings.clone());
+    let mut labels: BTreeMap<usize, Label> = BTreeMap::new();
+    for (number, segment) in segments(&opened.keys) {
+        let id = segment.value.unwrap_or(number.saturating_add(1));
+        labels.entry(segment.layer).or_insert_with(|| segment.into_label(id));
+    }
+    let mut sinks: Vec<SlabSink> = (0..opened.entry.num_frames).map(|_| SlabSink::new(grid, pool)).collect();
+    each_value(path, opened, progress, |layer, value| {
+        sinks[layer].push(value as u8);
+        Ok(())
+    })?;
+    let structures = sinks.into_iter().enumerate().map(|(layer, sink)| {
+        let label = labels.remove(&layer).unwrap_or_else(|| numbered(layer as u32 + 1));
+        Structure { label, selection: sink.selection }
+    });
+    Ok(Some((structures.collect(), notes)))
+}
+
+/// A selection that grows by slabs of bricks.
+struct SlabSink {
+    selection: Selection,
+    /// The voxels since the last slab.
+    slab: Vec<u8>,
+    /// First slice of the slab.
+    z: usize,
+}
+
+impl SlabSink {
+    fn new(grid: Grid, pool: &Arc<BrickPool>) -> Self {
+        Self { selection: Selection::empty(grid, pool), slab: Vec::new(), z: 0 }
+    }
+
+    fn push(&mut self, membership: u8) {
+        self.slab.push(membership);
+        let [nx, ny, nz] = self.selection.grid().dims();
+        let last = (self.z + BRICK).min(nz);
+        if self.slab.len() == nx * ny * (last - self.z) {
+            if self.slab.iter().any(|f| *f > 0) {
+                let (slab, z) = (&self.slab, self.z);
+                let at = |[x, y, at_z]: [usize; 3]| slab[x + nx * (y + ny * (at_z - z))];
+                self.selection.change([[0, nx], [0, ny], [z, last]], |voxel, _| at(voxel));
+            }
+            self.slab.clear();
+            self.z = last;
+        }
+    }
+}
+
 /// Reads all layers, whole.
 ///
 /// # Errors
 /// One sentence for voxels that are no numbers of structures, data that end early or are damaged, and as
 /// [`LayerBuilder::add`].
 pub fn read(path: &Path, opened: Opened, progress: &Progress) -> Result<Vec<LabelMap>> {
-    if opened.keys.iter().any(|(k, v)| k.ends_with("Representation") && v.contains("Fractional")) {
+    if is_fractional(&opened) {
         return Err(Error::file(
             path,
             "its structures are fractional: voxels belong to them in part",
