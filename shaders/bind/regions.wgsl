@@ -1,4 +1,4 @@
-// Group 1, only for objects with regions (docs/rendering.md §9): the looks, and how the volume is shared out among them.
+// Group 1, only for objects with regions (docs/rendering.md §8): the looks, and how the volume is shared out among them.
 
 // The tables' parameters; see `Function`.
 struct Layer {

@@ -1,4 +1,4 @@
-// Regions (docs/rendering.md §9): which looks a place is shared out among, and what shows of a piece at all.
+// Regions (docs/rendering.md §8): which looks a place is shared out among, and what shows of a piece at all.
 #import bind/regions
 #import lib/transfer_function
 

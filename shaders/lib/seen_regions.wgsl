@@ -1,4 +1,4 @@
-// What a stretch of a ray shows of an object with regions (docs/rendering.md §9): each look by its share of the place.
+// What a stretch of a ray shows of an object with regions (docs/rendering.md §8): each look by its share of the place.
 #import lib/region
 #import lib/skip
 #import lib/stretch

@@ -8,8 +8,8 @@ use fabrica_engine::specimen::Request;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_studio::figure::Template;
 use fabrica_studio::figure::bridge::scene;
-use fabrica_studio::figure::sources::{Replacement, load};
 use fabrica_studio::figure::source::VolumeSource;
+use fabrica_studio::figure::sources::{Replacement, load};
 use fabrica_studio::figure::template::Domain;
 use fabrica_tests::{checkout, data, renderer};
 

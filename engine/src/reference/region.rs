@@ -1,4 +1,4 @@
-//! Regions (docs/rendering.md §9): how a place is shared out among a volume's regions and its background, and the faces that
+//! Regions (docs/rendering.md §8): how a place is shared out among a volume's regions and its background, and the faces that
 //! appear where what shows ends because a region does.
 
 use glam::{DMat3, DVec3};

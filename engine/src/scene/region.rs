@@ -1,4 +1,4 @@
-//! Regions: selected parts of an object's volume that have a look of their own (docs/rendering.md §9).
+//! Regions: selected parts of an object's volume that have a look of their own (docs/rendering.md §8).
 
 use super::{Object, StyleTransferFunction};
 use crate::error::{Error, Result};

@@ -17,6 +17,7 @@ mod grow;
 mod lasso;
 mod limits;
 mod morphology;
+mod partition;
 mod range;
 mod resample;
 mod runs;
@@ -33,6 +34,7 @@ pub use grow::{Growth, Seeds, select_grown};
 pub use lasso::{DepthRange, Lasso, ScreenFromWorld, projection};
 pub use limits::{Limits, ValueLimit};
 pub use morphology::{Holes, Islands};
+pub use partition::{MOST_SIGMA, smooth_partition};
 pub use range::{Edge, select_range};
 use rayon::prelude::*;
 pub use runs::Connectivity;
@@ -174,6 +176,14 @@ impl Selection {
     /// Its volume in ml (cm³).
     pub fn volume_ml(&self) -> f64 {
         self.num_voxels() * self.grid.world_from_index().matrix3.determinant().abs() * 1e-3
+    }
+
+    /// Whether every voxel is either in or out, as in a label map.
+    pub fn is_crisp(&self) -> bool {
+        self.bricks().all(|(_, brick)| match brick {
+            Brick::Uniform(value) => *value == u8::MAX,
+            Brick::Voxels(voxels) => voxels.values.iter().all(|f| matches!(f, 0 | &u8::MAX)),
+        })
     }
 
     /// Whether nothing is selected.

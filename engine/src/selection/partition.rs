@@ -60,7 +60,9 @@ fn candidates(structures: &[Structure], size: [usize; 3], reach: usize) -> Vec<(
     for (i, structure) in structures.iter().enumerate() {
         for (place, _) in structure.selection.bricks() {
             let range = |a: usize| place[a].saturating_sub(reach)..(place[a] + reach + 1).min(size[a]);
-            for p in range(2).flat_map(|z| range(1).map(move |y| [y, z])).flat_map(|[y, z]| range(0).map(move |x| [x, y, z])) {
+            for p in
+                range(2).flat_map(|z| range(1).map(move |y| [y, z])).flat_map(|[y, z]| range(0).map(move |x| [x, y, z]))
+            {
                 let list = near.entry(p).or_default();
                 if list.last() != Some(&i) {
                     list.push(i);

@@ -124,6 +124,7 @@ fn path(ui: &mut Ui, purpose: Purpose, text: &mut String) -> Option<Choice> {
         Purpose::OpenFolder => ("Open a folder that holds a volume", "Open"),
         Purpose::Save => ("Save the figure as", "Save"),
         Purpose::Volume(_) => ("Use another volume in this figure", "Use"),
+        Purpose::Selections => ("Add a label map, a folder of masks, or selections", "Add"),
     };
     ui.heading(title);
     let label = ui.label("Path");

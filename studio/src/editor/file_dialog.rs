@@ -25,6 +25,8 @@ pub enum Purpose {
     Save,
     /// A volume for a slot of the figure.
     Volume(usize),
+    /// A label map or selections for the chosen object.
+    Selections,
 }
 
 /// A dialog that is open.
@@ -64,6 +66,9 @@ impl FileDialog {
             }
             Purpose::Volume(_) => {
                 Box::pin(dialog.add_filter("Volumes", &volumes).add_filter("All files", &["*"]).pick_file())
+            }
+            Purpose::Selections => {
+                Box::pin(dialog.add_filter("Label maps", &volumes).add_filter("All files", &["*"]).pick_file())
             }
             Purpose::OpenFolder => Box::pin(dialog.pick_folder()),
             Purpose::Save => {

@@ -239,7 +239,10 @@ pub fn ask(
 }
 
 /// As templates name a file: absolute; specimens by their own name.
-fn file_name(path: &Path) -> Result<String> {
+///
+/// # Errors
+/// One sentence for a path that is not UTF-8.
+pub fn file_name(path: &Path) -> Result<String> {
     let name = path.to_str().context("the path is not UTF-8, and templates are; rename the file")?;
     match VolumeSource::parse(name, Path::new(""))? {
         VolumeSource::Path(path) => Ok(std::path::absolute(path)?.display().to_string()),

@@ -9,6 +9,7 @@ use fabrica_engine::scene::Scene;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 
+use super::panels::regions::Chosen;
 use crate::figure::sources::{Selections, Sources};
 use crate::figure::template::{ObjectTemplate, SelectionSlot, VolumeSlot};
 use crate::figure::{Command, Document, Template, bridge};
@@ -21,6 +22,8 @@ pub struct OpenFigure {
     pub path: Option<PathBuf>,
     /// The object that panels show.
     pub object: usize,
+    /// The region of it that is chosen, if one is.
+    region: Option<Chosen>,
     /// The node of its transfer function that is chosen.
     pub node: Option<usize>,
     /// What went wrong with the last edit, until it is told.
@@ -38,8 +41,8 @@ impl OpenFigure {
     pub fn new(document: Document, path: Option<PathBuf>, sources: &Sources) -> Self {
         let figure = document.figure().clone();
         let volumes = figure.volumes.iter().cloned().zip(sources.volumes.iter().cloned()).collect();
-        let (object, node, fault, scene, selections) = (0, None, None, None, Vec::new());
-        let mut open = Self { document, path, object, node, fault, volumes, selections, scene };
+        let (object, region, node, fault, scene, selections) = (0, None, None, None, None, Vec::new());
+        let mut open = Self { document, path, object, region, node, fault, volumes, selections, scene };
         for (slot, read) in figure.selections.iter().zip(&sources.selections) {
             if let Some(volume) = open.volume_named(&slot.volume).cloned() {
                 open.keep_selections(slot.clone(), &volume, read.clone());
@@ -132,6 +135,17 @@ impl OpenFigure {
     /// The object that is chosen.
     pub fn chosen(&self) -> Option<&ObjectTemplate> {
         self.document.figure().objects.get(self.object)
+    }
+
+    /// Chooses an object, and a region of it.
+    pub fn choose(&mut self, object: usize, region: Option<Chosen>) {
+        (self.object, self.region) = (object, region);
+    }
+
+    /// The region that is chosen, as long as there is one.
+    pub fn chosen_region(&self) -> Option<&Chosen> {
+        let regions = &self.chosen()?.regions;
+        self.region.as_ref().filter(|chosen| chosen.region < regions.len())
     }
 
     /// The number of its slot.

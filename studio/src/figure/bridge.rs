@@ -108,9 +108,12 @@ impl Making<'_> {
                 template.volume
             ));
         }
+        let mut transfer_function = self.function(&template.transfer_function, None)?;
+        // α_u is linear between nodes: a factor of all of it is one of theirs.
+        transfer_function.nodes.iter_mut().for_each(|n| n.opacity *= template.rest.factor());
         Ok(Object {
             volume: self.volume.clone(),
-            transfer_function: self.function(&template.transfer_function, None)?,
+            transfer_function,
             regions: Vec::new(),
             gradient_scale_mm: template
                 .gradient_scale_mm

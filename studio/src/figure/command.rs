@@ -6,8 +6,8 @@ use std::ops::Range;
 use anyhow::{Result, bail};
 
 use super::template::{
-    Background, CameraTemplate, NodeTemplate, Page, ProjectionName, QualityName, Template, TransferFunctionTemplate,
-    VolumeSlot,
+    Background, CameraTemplate, LookTemplate, NodeTemplate, Page, ProjectionName, QualityName, RegionTemplate,
+    RestTemplate, SelectionSlot, StructureTemplate, Template, TransferFunctionTemplate, VolumeSlot,
 };
 
 /// One edit. Objects, nodes and volume slots are named by their position.
@@ -94,6 +94,49 @@ pub enum Command {
         /// Drawn or not.
         visible: bool,
     },
+    /// Selections with a look: a slot, and a region of an object that draws what is in it.
+    AddSelections {
+        /// To which object.
+        object: usize,
+        /// Where they come from.
+        slot: SelectionSlot,
+        /// How they look.
+        region: RegionTemplate,
+    },
+    /// Takes a region away, and its slot with it if no other uses it.
+    RemoveRegion {
+        /// Of which object.
+        object: usize,
+        /// Which region.
+        region: usize,
+    },
+    /// How what is in no region is drawn.
+    SetRest {
+        /// Of which object.
+        object: usize,
+        /// How.
+        rest: RestTemplate,
+    },
+    /// How a region looks, or a structure in a group.
+    SetLook {
+        /// Of which object.
+        object: usize,
+        /// Which region.
+        region: usize,
+        /// Which structure, by name, of a group; none: the region itself.
+        structure: Option<String>,
+        /// What differs from what surrounds it.
+        look: LookTemplate,
+    },
+    /// How several structures of a group look.
+    SetLooks {
+        /// Of which object.
+        object: usize,
+        /// Which region.
+        region: usize,
+        /// Names, and what differs from the group's look.
+        looks: Vec<(String, LookTemplate)>,
+    },
     /// Another file in a slot.
     SetVolume {
         /// Which slot.
@@ -124,6 +167,13 @@ impl Command {
             Self::SetName { name, .. } => format!("Rename to {name}"),
             Self::SetVisible { visible: true, .. } => "Show object".to_owned(),
             Self::SetVisible { visible: false, .. } => "Hide object".to_owned(),
+            Self::AddSelections { region, .. } => format!("Add {}", region.title()),
+            Self::RemoveRegion { .. } => "Remove region".to_owned(),
+            Self::SetLook { structure: Some(structure), .. } => format!("Change look of {structure}"),
+            Self::SetLook { structure: None, .. } => "Change look of region".to_owned(),
+            Self::SetRest { rest, .. } if rest.visible => "Show the rest".to_owned(),
+            Self::SetRest { .. } => "Hide the rest".to_owned(),
+            Self::SetLooks { looks, .. } => format!("Change look of {} structures", looks.len()),
             Self::SetVolume { volume, .. } => format!("Use {}", volume.file),
         }
     }
@@ -137,7 +187,20 @@ impl Command {
             (Self::SetCamera(_), Self::SetCamera(_))
                 | (Self::SetTitle(_), Self::SetTitle(_))
                 | (Self::SetBackground(Color(_)), Self::SetBackground(Color(_)))
-        )
+        ) || self.tints_what(later)
+    }
+
+    /// Whether both give a color to the same structure: one that is looked for in a picker.
+    fn tints_what(&self, later: &Self) -> bool {
+        let (
+            Self::SetLook { object, region, structure, look },
+            Self::SetLook { object: o, region: r, structure: s, look: l },
+        ) = (self, later)
+        else {
+            return false;
+        };
+        let untinted = |look: &LookTemplate| LookTemplate { tint: None, ..look.clone() };
+        (object, region, structure) == (o, r, s) && look.tint != l.tint && untinted(look) == untinted(l)
     }
 
     /// Makes the edit.
@@ -215,6 +278,30 @@ impl Command {
             }
             Self::SetName { object, name } => object_of(figure, object)?.name = name,
             Self::SetVisible { object, visible } => object_of(figure, object)?.visible = visible,
+            Self::AddSelections { object, slot, region } => {
+                object_of(figure, object)?.regions.push(region);
+                figure.selections.push(slot);
+            }
+            Self::RemoveRegion { object, region } => {
+                let regions = &mut object_of(figure, object)?.regions;
+                region_of(regions, region)?;
+                let slot = regions.remove(region).selection;
+                if figure.objects.iter().all(|o| o.regions.iter().all(|r| r.selection != slot)) {
+                    figure.selections.retain(|s| s.name != slot);
+                }
+            }
+            Self::SetLook { object, region, structure, look } => {
+                let region = region_of(&mut object_of(figure, object)?.regions, region)?;
+                match structure {
+                    None => region.look = look,
+                    Some(structure) => set_look(region, &structure, look),
+                }
+            }
+            Self::SetRest { object, rest } => object_of(figure, object)?.rest = rest,
+            Self::SetLooks { object, region, looks } => {
+                let region = region_of(&mut object_of(figure, object)?.regions, region)?;
+                looks.into_iter().for_each(|(structure, look)| set_look(region, &structure, look));
+            }
             Self::SetVolume { slot, volume } => match figure.volumes.get_mut(slot) {
                 Some(place) => *place = volume,
                 None => bail!("the figure has no volume number {}", slot + 1),
@@ -233,6 +320,29 @@ fn object_of(figure: &mut Template, object: usize) -> Result<&mut super::templat
     match figure.objects.get_mut(object) {
         Some(found) => Ok(found),
         None => bail!("the figure has no object number {}", object + 1),
+    }
+}
+
+fn region_of(regions: &mut [RegionTemplate], region: usize) -> Result<&mut RegionTemplate> {
+    match regions.get_mut(region) {
+        Some(found) => Ok(found),
+        None => bail!("the object has no region number {}", region + 1),
+    }
+}
+
+/// What says nothing is not kept.
+fn set_look(region: &mut RegionTemplate, structure: &str, look: LookTemplate) {
+    let place = region.structures.iter().position(|s| s.structure == structure);
+    match place {
+        Some(i) if look.is_default() && region.structures[i].extra.is_empty() => {
+            region.structures.remove(i);
+        }
+        Some(i) => region.structures[i].look = look,
+        None if look.is_default() => {}
+        None => {
+            let structure = structure.to_owned();
+            region.structures.push(StructureTemplate { structure, look, extra: serde_json::Map::new() });
+        }
     }
 }
 

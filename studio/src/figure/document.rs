@@ -214,7 +214,10 @@ fn size(figure: &Template) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figure::template::{Background, NodeTemplate, ProjectionName, QualityName, VolumeSlot};
+    use crate::figure::template::{
+        Background, LookTemplate, NodeTemplate, ProjectionName, QualityName, RegionTemplate, RestTemplate,
+        SelectionSlot, Tint, VolumeSlot,
+    };
 
     fn figure() -> Template {
         Template::parse(include_str!("../../../templates/head_glass.json")).unwrap()
@@ -319,10 +322,19 @@ mod tests {
             }
         }
 
+        fn look(&mut self) -> LookTemplate {
+            LookTemplate {
+                visible: [None, Some(false)][self.below(2)],
+                opacity: [None, Some(self.below(12) as f64 / 10.0)][self.below(2)],
+                tint: [None, Some(Tint::Own), Some(Tint::Color([self.below(256) as u8; 3]))][self.below(3)],
+                ..LookTemplate::default()
+            }
+        }
+
         fn command(&mut self, document: &Document) -> Command {
             let node = self.below(9);
             let object = usize::from(self.below(20) == 0);
-            match self.below(16) {
+            match self.below(21) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
@@ -359,6 +371,26 @@ mod tests {
                         VolumeSlot { file: format!("{}.nii", self.below(9)), ..document.figure().volumes[0].clone() };
                     Command::SetVolume { slot: self.below(2), volume }
                 }
+                15 => {
+                    let name = ["organs", "bones"][self.below(2)];
+                    let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
+                    let volume = document.figure().volumes[0].name.clone();
+                    let slot = SelectionSlot::new(name, &volume, "labels.nii.gz".to_owned());
+                    Command::AddSelections { object, slot, region: RegionTemplate::of(name, structure) }
+                }
+                16 => Command::RemoveRegion { object, region: self.below(2) },
+                17 => {
+                    let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
+                    Command::SetLook { object, region: self.below(2), structure, look: self.look() }
+                }
+                18 => {
+                    let looks = vec![("liver".to_owned(), self.look()), ("spleen".to_owned(), self.look())];
+                    Command::SetLooks { object, region: self.below(2), looks }
+                }
+                19 => {
+                    let rest = RestTemplate { visible: self.below(2) == 0, ..RestTemplate::default() };
+                    Command::SetRest { object, rest }
+                }
                 _ => Command::MoveNode { object, node, at: self.number(), opacity: self.number() },
             }
         }
@@ -383,13 +415,18 @@ mod tests {
             Command::SetName { .. } => 13,
             Command::SetVisible { .. } => 14,
             Command::SetVolume { .. } => 15,
+            Command::AddSelections { .. } => 16,
+            Command::RemoveRegion { .. } => 17,
+            Command::SetLook { .. } => 18,
+            Command::SetLooks { .. } => 19,
+            Command::SetRest { .. } => 20,
         }
     }
 
     #[test]
     fn a_random_walk_keeps_the_figure_whole_and_can_be_undone_to_its_first_byte() {
         let first = figure().to_json().unwrap();
-        let mut done = [0; 16];
+        let mut done = [0; 21];
         for seed in 0..20 {
             let mut dice = Dice(seed);
             let mut document = Document::new(figure());

@@ -8,7 +8,7 @@ use fabrica_engine::Progress;
 use fabrica_engine::read::ReadOptions;
 use fabrica_engine::read::label_table::read_label_table;
 use fabrica_engine::read::limits::Limits;
-use fabrica_engine::selection::{BrickPool, Structure, from_label_maps, read_selections};
+use fabrica_engine::selection::{BrickPool, Structure, from_label_maps, read_selections, smooth_partition};
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::labels::resample_layers;
 
@@ -23,6 +23,9 @@ pub struct Replacement {
     /// How to read it.
     pub options: ReadOptions,
 }
+
+/// What borders of whole voxels are smoothed by, in voxels, unless the slot says otherwise: as little as takes their stairs.
+const CRISP_SIGMA: f64 = 1.0;
 
 /// What is read for the slots of a figure.
 #[derive(Clone, Debug, Default)]
@@ -115,7 +118,9 @@ pub fn load_selections(
         if let Some(table) = &table {
             notes.extend(table.name(structures.iter_mut().map(|s| &mut s.label)));
         }
-        Ok(Selections { structures, notes })
+        let is_crisp = || structures.iter().all(|s| s.selection.is_crisp());
+        let sigma = slot.smooth_voxels.unwrap_or_else(|| if is_crisp() { CRISP_SIGMA } else { 0.0 });
+        Ok(Selections { structures: smooth_partition(&structures, sigma, progress)?, notes })
     };
     read().map(Arc::new).with_context(|| format!("the template's selections \"{}\" cannot be loaded", slot.name))
 }

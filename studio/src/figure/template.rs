@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-pub use region::{LookTemplate, RegionTemplate, SelectionSlot, StructureTemplate, Tint};
+pub use region::{LookTemplate, RegionTemplate, RestTemplate, SelectionSlot, StructureTemplate, Tint};
 
 /// The version that this program writes.
 pub const VERSION: u32 = 1;
@@ -151,6 +151,9 @@ pub struct ObjectTemplate {
     /// Parts with looks of their own.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<RegionTemplate>,
+    /// How what belongs to none of them is drawn.
+    #[serde(default, skip_serializing_if = "RestTemplate::is_default")]
+    pub rest: RestTemplate,
     /// Standard deviation, in mm, of the Gaussian that smooths what gradients are taken from.
     /// Default: one voxel (the smallest spacing). 0: no smoothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]

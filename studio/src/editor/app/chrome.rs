@@ -224,6 +224,10 @@ impl Editor {
                 });
             });
         }
+        if let Some((job, ..)) = &self.selecting {
+            let (title, progress) = (job.title.clone(), job.progress.clone());
+            Panel::top("selecting").frame(frame).show(ui, |ui| progress_row(ui, &title, &progress));
+        }
         if let Some((job, ..)) = &self.filling {
             let (title, progress) = (job.title.clone(), job.progress.clone());
             Panel::top("filling").frame(frame).show(ui, |ui| progress_row(ui, &title, &progress));

@@ -46,6 +46,9 @@ impl Editor {
             UiCommand::Rename | UiCommand::ShowHide if self.open.as_ref().is_some_and(|o| o.chosen().is_none()) => {
                 Some("The figure has no object")
             }
+            UiCommand::AddSelections if self.open.as_ref().is_some_and(|o| o.chosen_volume().is_none()) => {
+                Some("The object has no volume")
+            }
             UiCommand::ReplaceVolume | UiCommand::ReadOtherwise
                 if document.is_some_and(|d| d.figure().volumes.is_empty()) =>
             {
@@ -112,6 +115,7 @@ impl Editor {
                 let slot = self.open.as_ref().and_then(OpenFigure::missing).unwrap_or(0);
                 self.ask_for_path(ctx, Purpose::Volume(slot));
             }
+            C::AddSelections => self.ask_for_path(ctx, Purpose::Selections),
             C::ReadOtherwise => {
                 let chosen = self.open.as_ref().and_then(OpenFigure::chosen_slot).unwrap_or(0);
                 self.ask_how_to_read(ctx, chosen);
@@ -207,6 +211,7 @@ impl Editor {
                 self.save_to(ctx, &dialogs::saved_as(&path));
             }
             Purpose::Volume(slot) => self.fill(ctx, slot, &path),
+            Purpose::Selections => self.add_selections(ctx, &path),
         }
     }
 

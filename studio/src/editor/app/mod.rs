@@ -34,9 +34,9 @@ use super::timings::Timings;
 use super::ui_command::UiCommand;
 use super::viewport::Viewport;
 use super::volume_choice::VolumeChoice;
-use crate::figure::Document;
 use crate::figure::sources::Selections;
 use crate::figure::template::{SelectionSlot, VolumeSlot};
+use crate::figure::{Command, Document};
 
 /// With what a window begins.
 pub struct Options {
@@ -95,8 +95,8 @@ pub struct Editor {
     loading: Option<Job<Opened>>,
     /// A volume on its way into a slot; whether that is an edit, or only brings what the figure names.
     filling: Option<(Job<Arc<Volume>>, usize, VolumeSlot, bool)>,
-    /// Selections that are being read, for which slot and volume.
-    selecting: Option<(Job<Arc<Selections>>, SelectionSlot, Arc<Volume>)>,
+    /// Selections that are being read, for which slot and volume, and as which edit if they are new.
+    selecting: Option<(Job<Arc<Selections>>, SelectionSlot, Arc<Volume>, Option<Command>)>,
     searching: Option<(Job<Vec<PathBuf>>, usize)>,
     /// A file that is looked at, to ask how it shall be read.
     asking: Option<Job<VolumeChoice>>,
@@ -348,7 +348,8 @@ impl Editor {
                         ui.separator();
                     }
                     egui::ScrollArea::vertical().id_salt("properties").auto_shrink(false).show(ui, |ui| {
-                        wanted = properties::show(ui, open);
+                        let names = self.gallery.library().names();
+                        wanted = properties::show(ui, open, &names);
                     });
                 });
             Panel::bottom("function")

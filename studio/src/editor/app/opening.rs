@@ -1,6 +1,7 @@
 //! How figures and volumes come in, and go.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use eframe::egui::{Context, ViewportCommand};
 use fabrica_engine::read::limits::Limits;
@@ -19,8 +20,8 @@ use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
 use crate::figure::shipped::SHIPPED;
 use crate::figure::sources::Sources;
-use crate::figure::template::{Domain, VolumeSlot};
-use crate::figure::{Command, Document, Template};
+use crate::figure::template::{Domain, SelectionSlot, VolumeSlot};
+use crate::figure::{Command, Document, Template, first_look, sources};
 
 impl Editor {
     pub(super) fn load(&mut self, ctx: &Context, paths: Vec<PathBuf>) {
@@ -129,19 +130,56 @@ impl Editor {
     fn poll_selections(&mut self, ctx: &Context) {
         if let Some((job, ..)) = &self.selecting
             && let Some(result) = job.finished()
-            && let Some((_, slot, volume)) = self.selecting.take()
+            && let Some((_, slot, volume, edit)) = self.selecting.take()
             && let Some(open) = &mut self.open
         {
-            let read = result.unwrap_or_default();
-            self.notice = Notice::now(read.notes.join(" "));
-            open.keep_selections(slot, &volume, read);
+            match (result, edit) {
+                (Ok(read), edit) => {
+                    self.notice = Notice::now(read.notes.join(" "));
+                    open.keep_selections(slot, &volume, read);
+                    if let Some(edit) = edit {
+                        open.edit(edit);
+                    }
+                }
+                (Err(error), Some(_)) if is_cancelled(&error) => {}
+                (Err(error), Some(_)) => {
+                    self.banner = Some(Banner::new(format!("{error:#}. The figure is as it was")));
+                }
+                // Not asked for again and again.
+                (Err(_), None) => open.keep_selections(slot, &volume, Arc::default()),
+            }
             self.viewport.picture.ask_again();
         }
         let Some(open) = self.open.as_ref().filter(|_| self.selecting.is_none()) else { return };
         let Some((slot, volume)) = open.missing_selections() else { return };
         let (theirs, of, folder) = (slot.clone(), volume.clone(), open.folder().to_owned());
         let job = Job::start(slot.file.clone(), waker(ctx), move |p| files::load_selections(&theirs, &folder, &of, p));
-        self.selecting = Some((job, slot, volume));
+        self.selecting = Some((job, slot, volume, None));
+    }
+
+    /// Reads a label map or selections for the chosen object; once they are there, they are an edit.
+    pub(super) fn add_selections(&mut self, ctx: &Context, path: &Path) {
+        let Some(open) = &self.open else { return };
+        let (Some(object), Some(volume)) = (open.chosen(), open.chosen_volume().cloned()) else { return };
+        let figure = open.document.figure();
+        let stem = path.file_name().unwrap_or_default().to_string_lossy();
+        let stem = stem.split('.').next().filter(|s| !s.is_empty()).unwrap_or("selections");
+        let is_free = |name: &String| figure.selections.iter().all(|s| s.name != *name);
+        let others = (2..).map(|i| format!("{stem} {i}"));
+        let Some(name) = std::iter::once(stem.to_owned()).chain(others).find(is_free) else { return };
+        let slot = match files::file_name(path) {
+            Ok(file) => SelectionSlot::new(&name, &object.volume, file),
+            Err(error) => {
+                self.banner = Some(Banner::new(format!("{error:#}")));
+                return;
+            }
+        };
+        let region = first_look::of_selections(&name, &volume);
+        let edit = Command::AddSelections { object: open.object, slot: slot.clone(), region };
+        let (theirs, of, folder) = (slot.clone(), volume.clone(), open.folder().to_owned());
+        let job =
+            Job::start(slot.file.clone(), waker(ctx), move |p| sources::load_selections(&theirs, &folder, &of, p));
+        self.selecting = Some((job, slot, volume, Some(edit)));
     }
 
     /// Reads a file for a slot; once it is there, its use is an edit.

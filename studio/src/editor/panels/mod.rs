@@ -6,6 +6,7 @@ pub mod history;
 pub mod objects;
 pub mod plot;
 pub mod properties;
+pub mod regions;
 pub mod start_page;
 pub mod styles;
 pub mod transfer_function;

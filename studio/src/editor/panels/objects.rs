@@ -5,6 +5,7 @@ use eframe::egui::{self, Key, Role, Sense, Ui, Vec2, WidgetInfo};
 use super::super::gallery::Gallery;
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
+use super::regions;
 use crate::figure::Command;
 
 /// The panel. `renaming` is the object whose name is typed, with what is typed so far.
@@ -16,7 +17,10 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, renaming: &mu
         let fill = if i == open.object { tokens.selected } else { tokens.panel };
         egui::Frame::new().fill(fill).corner_radius(4).inner_margin(4).show(ui, |ui| {
             ui.horizontal(|ui| {
-                eye(ui, open, i, object.visible);
+                let label = if object.visible { "Hide object" } else { "Show object" };
+                if draw_eye(ui, label, object.visible) {
+                    open.edit(Command::SetVisible { object: i, visible: !object.visible });
+                }
                 // The first that hides what is behind it: later ones are rarely more than spots.
                 let nodes = &object.transfer_function.nodes;
                 let style = nodes.iter().find(|n| n.opacity > 0.5).or(nodes.first());
@@ -26,12 +30,13 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, renaming: &mu
                 name(ui, open, i, object.title(), object.visible, renaming);
             });
         });
+        regions::list(ui, open, i);
     }
 }
 
-fn eye(ui: &mut Ui, open: &mut OpenFigure, object: usize, visible: bool) {
+/// An eye, open or closed, called `label`; whether it was clicked.
+pub(super) fn draw_eye(ui: &mut Ui, label: &str, visible: bool) -> bool {
     let (rect, response) = ui.allocate_exact_size(Vec2::splat(24.0), Sense::click());
-    let label = if visible { "Hide object" } else { "Show object" };
     response.widget_info(|| WidgetInfo::selected(Role::CheckBox, true, visible, label));
     let tokens = theme::tokens(ui.ctx());
     let color = if visible { tokens.text } else { tokens.dim };
@@ -53,9 +58,7 @@ fn eye(ui: &mut Ui, open: &mut OpenFigure, object: usize, visible: bool) {
     } else {
         painter.line_segment([c + Vec2::new(-7.0, 6.0), c + Vec2::new(7.0, -6.0)], stroke);
     }
-    if response.on_hover_text(format!("{label} (H)")).clicked() {
-        open.edit(Command::SetVisible { object, visible: !visible });
-    }
+    response.on_hover_text(label).clicked()
 }
 
 fn name(
@@ -86,7 +89,7 @@ fn name(
     let label = egui::Button::new(text).frame(false).right_text("").min_size(Vec2::new(width, 22.0)).truncate();
     let response = ui.add(label).on_hover_text("Double-click or F2: rename");
     if response.clicked() {
-        open.object = object;
+        open.choose(object, None);
     }
     if response.double_clicked() {
         *renaming = Some((object, title.to_owned()));

@@ -7,6 +7,7 @@ use fabrica_engine::volume::Volume;
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::super::ui_command::UiCommand;
+use super::regions;
 use crate::figure::Command;
 use crate::figure::template::{Background, Page, ProjectionName, QualityName, VolumeSlot};
 
@@ -53,7 +54,7 @@ pub fn shorter(number: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-fn row<R>(ui: &mut Ui, label: &str, tooltip: &str, add: impl FnOnce(&mut Ui, &str) -> R) -> R {
+pub(super) fn row<R>(ui: &mut Ui, label: &str, tooltip: &str, add: impl FnOnce(&mut Ui, &str) -> R) -> R {
     ui.horizontal(|ui| {
         let text = egui::Label::new(theme::small(ui.ctx(), label)).truncate();
         ui.allocate_ui_with_layout(
@@ -70,7 +71,7 @@ fn row<R>(ui: &mut Ui, label: &str, tooltip: &str, add: impl FnOnce(&mut Ui, &st
 }
 
 /// A number that can be dragged and typed.
-fn number(ui: &mut Ui, label: &str, tooltip: &str, value: &mut f64, suffix: &str, speed: f64) -> Response {
+pub(super) fn number(ui: &mut Ui, label: &str, tooltip: &str, value: &mut f64, suffix: &str, speed: f64) -> Response {
     row(ui, label, tooltip, |ui, label| {
         let field = DragValue::new(value).speed(speed).suffix(suffix).max_decimals(3).update_while_editing(false);
         ui.add(field.custom_parser(parse_number)).accessible_name(label).on_hover_text(tooltip)
@@ -90,8 +91,11 @@ pub enum Wanted {
 }
 
 /// The panel, and what is asked for in it.
-pub fn show(ui: &mut Ui, open: &mut OpenFigure) -> Option<Wanted> {
+pub fn show(ui: &mut Ui, open: &mut OpenFigure, styles: &[&str]) -> Option<Wanted> {
     let mut wanted = None;
+    if open.chosen_region().is_some() {
+        section(ui, "Region", true, |ui| regions::look(ui, open, styles));
+    }
     section(ui, "Appearance", true, |ui| appearance(ui, open));
     section(ui, "Figure", true, |ui| page(ui, open));
     section(ui, "View", false, |ui| view(ui, open));

@@ -15,14 +15,15 @@ use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::statistics::Statistics;
 use fabrica_engine::{Error, Progress};
 use glam::DVec3;
+use serde_json::Map;
 
 use self::kind::Kind;
 use super::bridge;
 use super::framing::{self, Frame, View};
 use super::source::VolumeSource;
 use super::template::{
-    Background, CameraTemplate, Domain, NodeTemplate, ObjectTemplate, Page, ProjectionName, QualityName, Reference,
-    Template, TransferFunctionTemplate, VERSION, VolumeSlot,
+    Background, CameraTemplate, Domain, LookTemplate, NodeTemplate, ObjectTemplate, Page, ProjectionName, QualityName,
+    Reference, RegionTemplate, Template, TransferFunctionTemplate, VERSION, VolumeSlot,
 };
 
 /// Width of the page in mm: two columns of a journal.
@@ -248,6 +249,7 @@ impl Look {
             visible: true,
             volume: volume.to_owned(),
             regions: Vec::new(),
+            rest: Default::default(),
             transfer_function: TransferFunctionTemplate {
                 domain: self.domain,
                 // A voxel: so a film, which is as thick as the scanner's blur, is as dense at every resolution.
@@ -307,6 +309,19 @@ fn round(value: f64, digits: i32) -> f64 {
 fn rounded(v: DVec3, digits: i32) -> [f64; 3] {
     // Plus 0: no "-0.0" in the file.
     v.to_array().map(|x| round(x, digits) + 0.0)
+}
+
+/// A region with all structures in the slot `selection` of a volume: each solid within its borders, in its own color. What they
+/// measure does not matter, as what a structure is has been decided already.
+pub fn of_selections(selection: &str, volume: &Volume) -> RegionTemplate {
+    let transfer_function = TransferFunctionTemplate {
+        domain: Domain::Data,
+        reference_length_mm: Some(volume.grid.spacing_mm().min_element()),
+        nodes: vec![NodeTemplate { at: 0.0, style: "plaster".to_owned(), opacity: 0.9, extra: Map::new() }],
+        extra: Map::new(),
+    };
+    let look = LookTemplate { transfer_function: Some(transfer_function), ..LookTemplate::default() };
+    RegionTemplate { look, ..RegionTemplate::of(selection, None) }
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! What a template says of selected parts: where their voxels come from, and how they look.
 
 use anyhow::{Result, bail};
+use fabrica_engine::selection::MOST_SIGMA;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -20,6 +21,10 @@ pub struct SelectionSlot {
     /// Names and colors for its numbers, where the label map has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub table: Option<String>,
+    /// Standard deviation, in voxels, of the Gaussian that smooths the borders of its structures, all of them together; 0 leaves
+    /// them as they are, up to 4. Default: 1 for selections of whole voxels, as label maps are, else 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub smooth_voxels: Option<f64>,
     /// Fields of other versions, kept as they are.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
@@ -61,6 +66,46 @@ pub struct StructureTemplate {
     pub extra: Map<String, Value>,
 }
 
+/// What belongs to no region of an object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RestTemplate {
+    /// Whether it is drawn; the regions are, anyway.
+    #[serde(default = "yes")]
+    pub visible: bool,
+    /// Factor, 0 to 1, of its opacity.
+    #[serde(default = "whole")]
+    pub opacity: f64,
+    /// Fields of other versions, kept as they are.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn whole() -> f64 {
+    1.0
+}
+
+impl Default for RestTemplate {
+    fn default() -> Self {
+        Self { visible: true, opacity: 1.0, extra: Map::new() }
+    }
+}
+
+impl RestTemplate {
+    /// Whether it says nothing.
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Factor of opacity, 0 where it is not drawn.
+    pub fn factor(&self) -> f64 {
+        if self.visible { self.opacity } else { 0.0 }
+    }
+}
+
 /// A look, as far as it differs from that of what surrounds it: the group, else the object.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LookTemplate {
@@ -96,9 +141,16 @@ pub enum Tint {
 }
 
 impl SelectionSlot {
+    /// The slot `name` for what a file has of a volume's voxels.
+    pub fn new(name: &str, volume: &str, file: String) -> Self {
+        let (name, volume) = (name.to_owned(), volume.to_owned());
+        Self { name, volume, file, table: None, smooth_voxels: None, extra: Map::new() }
+    }
+
     /// Whether the same voxels are read, whatever the slot is called.
     pub fn reads_same(&self, other: &Self) -> bool {
-        (&self.volume, &self.file, &self.table) == (&other.volume, &other.file, &other.table)
+        let read = |s: &Self| Self { name: String::new(), extra: Map::new(), ..s.clone() };
+        read(self) == read(other)
     }
 
     /// Names of files in it.
@@ -175,6 +227,9 @@ pub(super) fn check(template: &Template) -> Result<()> {
                 names.join(", ")
             );
         }
+        if let Some(sigma) = slot.smooth_voxels.filter(|s| !(0.0..=MOST_SIGMA).contains(s)) {
+            bail!("the selections \"{}\" are smoothed by {sigma} voxels; choose 0 to {MOST_SIGMA}", slot.name);
+        }
         if template.selections[..i].iter().any(|s| s.name == slot.name) {
             bail!("two places for selections are called \"{}\"; give each its own name", slot.name);
         }
@@ -183,6 +238,9 @@ pub(super) fn check(template: &Template) -> Result<()> {
 }
 
 fn check_regions(template: &Template, object: &ObjectTemplate) -> Result<()> {
+    if !(0.0..=1.0).contains(&object.rest.opacity) {
+        bail!("the rest of \"{}\" has opacity {}; opacities go from 0 to 1", object.title(), object.rest.opacity);
+    }
     for region in &object.regions {
         let title = region.title();
         let Some(slot) = template.selections.iter().find(|s| s.name == region.selection) else {
