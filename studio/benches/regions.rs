@@ -1,0 +1,148 @@
+//! What selections and label maps cost: the frame rate of a scene with them as a share of the same scene's without, in one run, by
+//! turns. `cargo bench -p fabrica-studio --bench regions [-- VOLUME LABELS]` (default: the head specimen and its own structures).
+//! Bricks that an edit touches, and how long it takes until they are on the adapter, are measured on an empty grid of 512³.
+
+#![expect(clippy::unwrap_used, reason = "a benchmark fails by panicking")]
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use fabrica_engine::Progress;
+use fabrica_engine::gpu::regions::ResidentRegions;
+use fabrica_engine::gpu::{AdapterChoice, GpuContext};
+use fabrica_engine::render::{RenderOptions, Renderer};
+use fabrica_engine::scene::{Region, Scene};
+use fabrica_engine::selection::{BrickPool, Selection};
+use fabrica_engine::spaces::Grid;
+use fabrica_engine::styles::StyleLibrary;
+use fabrica_studio::figure::source::VolumeSource;
+use fabrica_studio::figure::sources::{Sources, load_selections};
+use fabrica_studio::figure::template::{SelectionSlot, VolumeSlot};
+use fabrica_studio::figure::{bridge, first_look};
+use glam::{DAffine3, DVec3};
+
+const SIZE: [u32; 2] = [384, 384];
+const ROUNDS: usize = 5;
+
+fn main() {
+    let paths: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
+    let file = |i: usize| paths.get(i).map_or("specimen:head@128", String::as_str).to_owned();
+    let progress = Progress::new();
+    let source = VolumeSource::parse(&file(0), Path::new("")).unwrap();
+    let volume = source.load(&Default::default(), &progress).unwrap();
+    let slot = VolumeSlot::new(first_look::SLOT, file(0));
+    let template = first_look::first_look(&volume, slot, &progress).unwrap();
+    let styles = StyleLibrary::embedded();
+    let (plain, _) = bridge::scene(&template, &Sources::of(vec![volume.clone()]), &styles, &progress).unwrap();
+    let slot = SelectionSlot::new("labels", first_look::SLOT, file(1));
+    let started = Instant::now();
+    let labels = load_selections(&slot, Path::new(""), &volume, &progress).unwrap();
+    println!("{} structures read and smoothed in {:.1} s", labels.structures.len(), started.elapsed().as_secs_f64());
+
+    // The same look everywhere, so that the same samples are visible, in other colors.
+    let tint = |i: usize| Some([0.2 + 0.1 * (i % 8) as f32, 0.9 - 0.1 * (i % 7) as f32, 0.3 + 0.1 * (i % 6) as f32]);
+    let region = |i: usize, selection: Selection| Region {
+        name: i.to_string(),
+        selection,
+        transfer_function: plain.objects[0].transfer_function.clone(),
+        tint: tint(i),
+        opacity: 1.0,
+    };
+    let with = |selections: Vec<Selection>, own_functions: bool| {
+        let mut scene = plain.clone();
+        let mut regions: Vec<Region> = selections.into_iter().enumerate().map(|(i, s)| region(i, s)).collect();
+        if own_functions {
+            for (i, region) in regions.iter_mut().enumerate() {
+                // Another table each, and almost the same picture.
+                region.transfer_function.nodes.iter_mut().for_each(|n| n.opacity *= 1.0 - 1e-4 * (i + 1) as f64);
+            }
+        }
+        scene.objects[0].regions = regions;
+        scene
+    };
+    let scenes: Vec<(String, Scene)> = vec![
+        ("none".to_owned(), plain.clone()),
+        ("1 selection".to_owned(), with(balls(&volume.grid, 1), true)),
+        ("4 selections".to_owned(), with(balls(&volume.grid, 4), true)),
+        ("8 selections".to_owned(), with(balls(&volume.grid, 8), true)),
+        (
+            format!("{} labels", labels.structures.len()),
+            with(labels.structures.iter().map(|s| s.selection.clone()).collect(), false),
+        ),
+    ];
+    let context = || GpuContext::new(&AdapterChoice::Software).unwrap();
+    let mut renderers: Vec<Renderer> = scenes.iter().map(|_| Renderer::new(context())).collect();
+    let mut times = vec![Vec::new(); scenes.len()];
+    for round in 0..=ROUNDS {
+        for ((renderer, (_, scene)), times) in renderers.iter_mut().zip(&scenes).zip(&mut times) {
+            let started = Instant::now();
+            renderer.render(scene, SIZE, &RenderOptions::default(), &progress).unwrap();
+            // The first uploads and compiles.
+            if round > 0 {
+                times.push(started.elapsed().as_secs_f64() * 1e3);
+            }
+        }
+    }
+    let fastest = |times: &[f64]| times.iter().copied().fold(f64::INFINITY, f64::min);
+    for ((name, _), these) in scenes.iter().zip(&times) {
+        let ratio = fastest(&times[0]) / fastest(these);
+        println!("{name:>14}: {:7.0} ms a frame at best, {ratio:.2} of the frame rate of none", fastest(these));
+    }
+    edits(&context());
+}
+
+/// Overlapping fuzzy balls that share out the volume.
+fn balls(grid: &Grid, count: usize) -> Vec<Selection> {
+    let pool: Arc<BrickPool> = Arc::default();
+    let dims = DVec3::from_array(grid.dims().map(|n| n as f64));
+    let radius = dims.min_element() / 3.0;
+    (0..count)
+        .map(|i| {
+            let center = dims * DVec3::new(0.3 + 0.4 * (i & 1) as f64, 0.3 + 0.4 * (i >> 1 & 1) as f64, 0.3 + 0.4 * (i >> 2) as f64);
+            let mut selection = Selection::empty(*grid, &pool);
+            selection.change(grid.dims().map(|n| [0, n]), |v, _| {
+                let at = DVec3::from_array(v.map(|n| n as f64));
+                (255.0 * (0.5 + (radius - at.distance(center)) / 4.0).clamp(0.0, 1.0)) as u8
+            });
+            selection
+        })
+        .collect()
+}
+
+/// Dabs of a brush with a radius of 10 voxels.
+fn edits(context: &GpuContext) {
+    let grid = Grid::new([512; 3], DAffine3::IDENTITY).unwrap();
+    let mut regions = vec![Region {
+        name: "painted".to_owned(),
+        selection: Selection::empty(grid, &Arc::default()),
+        transfer_function: fabrica_engine::scene::StyleTransferFunction {
+            nodes: vec![fabrica_engine::scene::TransferFunctionNode { value: 0.0, style: 0, opacity: 1.0 }],
+            reference_length_mm: 1.0,
+        },
+        tint: None,
+        opacity: 1.0,
+    }];
+    let mut resident = ResidentRegions::upload(context, &regions, &Progress::new()).unwrap();
+    let (mut edit_ms, mut upload_ms) = (Vec::new(), Vec::new());
+    for i in 0..60 {
+        let center = DVec3::new(100.0 + 5.0 * f64::from(i), 250.0, 300.0 + f64::from(i % 7));
+        let started = Instant::now();
+        let low = center - 11.0;
+        let voxels = std::array::from_fn(|a| [low[a] as usize, low[a] as usize + 23]);
+        regions[0].selection.change(voxels, |v, old| {
+            let d = DVec3::from_array(v.map(|n| n as f64)).distance(center) / 10.0;
+            old.max((255.0 * (-4.0 * d * d).exp() * f64::from(u8::from(d < 1.0))) as u8)
+        });
+        edit_ms.push(started.elapsed().as_secs_f64() * 1e3);
+        let started = Instant::now();
+        assert!(resident.update(context, &regions).unwrap());
+        context.queue.submit([]);
+        let _ = context.device.poll(eframe::wgpu::PollType::wait_indefinitely());
+        upload_ms.push(started.elapsed().as_secs_f64() * 1e3);
+    }
+    for (what, times) in [("edit", &mut edit_ms), ("upload", &mut upload_ms)] {
+        times.sort_by(f64::total_cmp);
+        println!("{what} of a dab of radius 10 in 512³: {:.2} ms at best, {:.2} ms in the median", times[0], times[30]);
+    }
+}
