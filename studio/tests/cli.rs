@@ -250,11 +250,11 @@ fn inspect_schema_and_adapters_speak_json() {
     let report = json(&["inspect", "block.raw", "--raw", "8x8x8xuint8,0.5x0.5x2", "--json"]);
     assert_eq!(report["dims"], serde_json::json!([8, 8, 8]));
     assert_eq!(report["spacing_mm"], serde_json::json!([0.5, 0.5, 2.0]));
-    assert_eq!(report["orientation"], "RAS");
+    assert_eq!((&report["orientation"], &report["orientation_known"]), (&"RAS".into(), &false.into()));
     assert_eq!(report["datatype"], "uint8");
     assert_eq!((report["min"].as_f64(), report["num_nonfinite"].as_u64()), (Some(100.0), Some(0)));
     let specimen = json(&["inspect", "specimen:head@32", "--json"]);
-    assert_eq!(specimen["modality"], "ct");
+    assert_eq!((&specimen["modality"], &specimen["orientation_known"]), (&"ct".into(), &true.into()));
     assert!(specimen["structures"].to_string().contains("skull"));
     let part = ["--raw", "8x8x8xuint8", "--crop", "0:4x0:8x0:8", "--reduce", "2"];
     let part = json(&[&["inspect", "block.raw", "--json"], &part[..]].concat());
@@ -282,7 +282,10 @@ fn inspect_schema_and_adapters_speak_json() {
     let adapters = json(&["adapters", "--json", "--software"]);
     assert_eq!(adapters[0]["kind"], "software");
     let words = place.run(&["inspect", "block.raw", "--raw", "8x8x8xuint8"]);
-    assert!(String::from_utf8(words.stdout).unwrap().contains("orientation RAS"));
+    let words = String::from_utf8(words.stdout).unwrap();
+    assert!(words.contains("orientation RAS (assumed: the file does not say)"), "{words}");
+    let words = String::from_utf8(place.run(&["inspect", "specimen:head@32"]).stdout).unwrap();
+    assert!(words.contains("orientation RAS\n"), "{words}");
 }
 
 #[test]

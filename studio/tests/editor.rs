@@ -630,6 +630,43 @@ fn frames_are_chosen_and_undone() {
 }
 
 #[test]
+fn letters_that_no_file_states_are_marked() {
+    let place = Place::with_ball();
+    let placed = |name: &str, fields: &str| {
+        let header = format!("NRRD0004\ntype: uint8\ndimension: 3\nsizes: 16 16 16\nencoding: raw\n{fields}\n");
+        let path = place.path(name);
+        std::fs::write(&path, [header.into_bytes(), std::fs::read(place.path("ball.raw")).unwrap()].concat()).unwrap();
+        path
+    };
+    let letters =
+        |harness: &Window, right: &str| harness.query_all_by_label_contains(&format!(", {right} on the left")).count();
+    let axes = "space directions: (1,0,0) (0,1,0) (0,0,1)\n";
+    let mut known = harness(Some(placed("known.nrrd", &format!("space: RAS\n{axes}"))));
+    settle(&mut known);
+    run(&mut known, UiCommand::FromFront);
+    assert_eq!((letters(&known, "R"), letters(&known, "R?")), (1, 0));
+    // Undo of another volume brings its letters back.
+    let mut assumed = harness(Some(placed("assumed.nrrd", axes)));
+    settle(&mut assumed);
+    run(&mut assumed, UiCommand::FromFront);
+    assert_eq!((letters(&assumed, "R"), letters(&assumed, "R?")), (0, 1));
+    drop_files(&mut assumed, &[place.path("known.nrrd")]);
+    click_on(&mut assumed, "Use in this figure");
+    settle(&mut assumed);
+    assert_eq!((letters(&assumed, "R"), letters(&assumed, "R?")), (1, 0));
+    run(&mut assumed, UiCommand::Undo);
+    settle(&mut assumed);
+    assert_eq!(letters(&assumed, "R?"), 1);
+    // What is asked about its part says it as well.
+    run(&mut assumed, UiCommand::ReadOtherwise);
+    settle(&mut assumed);
+    click_on(&mut assumed, "Part and resolution");
+    (0..30).for_each(|_| assumed.step());
+    assert!(assumed.query_by_label("Along x, to the right (?)").is_some());
+    assert!(assumed.query_by_label_contains("The letters are assumed. The header does not name its space").is_some());
+}
+
+#[test]
 fn a_part_of_a_volume_is_loaded_and_the_figure_says_so() {
     let place = Place::with_ball();
     let mut harness = harness(Some(frames(&place, "beating.nrrd", 1)));

@@ -106,7 +106,6 @@ impl Stack {
             None => "The files do not give the voxel size; 1 mm is assumed.".to_owned(),
             Some(_) => "The files do not give the distance of slices; that of the columns is assumed.".to_owned(),
         });
-        warnings.push(slices::NO_PATIENT.to_owned());
         let x = x.unwrap_or(1.0);
         let spacing = DVec3::new(x, wanted.spacing_mm[1].unwrap_or(x), x);
         let entry = Entry {
@@ -115,6 +114,7 @@ impl Stack {
             format: if has_extension(first, "png") { "PNG slices" } else { "TIFF slices" }.to_owned(),
             modality: Modality::Unknown,
             grid: grid_of(folder, dims, slices::world_without_patient(dims, spacing))?,
+            orientation: slices::no_patient(),
             type_name: wanted.kind.name(),
             bytes_per_voxel: wanted.kind.bytes_per_voxel(),
             num_frames: 1,
@@ -319,6 +319,7 @@ mod tests {
         let volume = read(folder.path()).unwrap();
         assert_eq!(volume.voxels, Voxels::U16(vec![80, 81, 90, 91, 100, 101, 110, 111]));
         assert_eq!((volume.grid.dims(), volume.format.as_str()), ([2, 1, 4], "TIFF slices"));
+        assert!(!volume.orientation.is_known());
         let entry = survey(folder.path(), &ReadOptions::default(), &Progress::new()).unwrap().remove(0);
         assert_eq!((entry.num_files, entry.type_name), (4, "uint16"));
         // A preview beside them is left out and named.

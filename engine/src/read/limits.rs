@@ -161,7 +161,7 @@ mod tests {
 
     use super::*;
     use crate::spaces::Grid;
-    use crate::volume::Modality;
+    use crate::volume::{Modality, Orientation};
 
     fn entry(dims: [usize; 3], spacing: [f64; 3]) -> Entry {
         let affine = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::from_array(spacing)));
@@ -170,6 +170,7 @@ mod tests {
             title: String::new(),
             format: String::new(),
             modality: Modality::Unknown,
+            orientation: Orientation::Stated,
             grid: Grid::new(dims, affine).unwrap(),
             type_name: "int16",
             bytes_per_voxel: 2,

@@ -32,7 +32,7 @@ use crate::progress::Progress;
 use crate::spaces::Grid;
 use crate::volume::colors::colors_of;
 use crate::volume::labels::LabelMap;
-use crate::volume::{Modality, Rescale, Volume, Voxels};
+use crate::volume::{Modality, Orientation, Rescale, Volume, Voxels};
 
 use limits::Limits;
 use stream::ByteSource;
@@ -70,6 +70,8 @@ pub struct Entry {
     pub modality: Modality,
     /// Size and place in the world, of the whole.
     pub grid: Grid,
+    /// Whether the letters of its axes are the file's or assumed.
+    pub orientation: Orientation,
     /// The element type as NumPy spells it, "rgb" or "rgba" for colors.
     pub type_name: &'static str,
     /// Bytes of one voxel in memory.
@@ -363,7 +365,10 @@ fn described(
 ) -> Result<Volume> {
     let fault = |what| Error::file(path, what, "write the file again");
     let mut volume = window.grid(&entry.grid).and_then(make).map_err(fault)?;
+    // First, as it matters most.
+    warnings.splice(0..0, entry.orientation.assumption().map(str::to_owned));
     warnings.extend(window.note());
+    volume.orientation.clone_from(&entry.orientation);
     volume.num_frames = entry.num_frames;
     volume.modality = entry.modality;
     volume.description.clone_from(&entry.title);
@@ -420,7 +425,12 @@ fn colors_of_labels(path: &Path, entry: &Entry, layers: Vec<LabelMap>) -> Result
     if num_layers > 1 {
         warnings.push(format!("Structures overlap; of {num_layers} layers the first is seen where they do."));
     }
+    // A reader of numbers may have said it in its notes.
+    if let Some(why) = entry.orientation.assumption().filter(|why| !warnings.iter().any(|w| w == why)) {
+        warnings.insert(0, why.to_owned());
+    }
     let mut volume = Volume::from_colors(grid, colors, &entry.format).map_err(fault)?;
+    volume.orientation.clone_from(&entry.orientation);
     volume.num_frames = entry.num_frames;
     volume.description.clone_from(&entry.title);
     volume.warnings = warnings;
@@ -536,6 +546,65 @@ mod tests {
     }
 
     #[test]
+    fn what_no_file_says_about_the_body_is_known_to_be_assumed() {
+        let folder = Folder::new();
+        let phantom = Phantom::oriented("RAS");
+        let nifti = NiftiFile::new(1, &phantom, ElementType::U8, Endian::Little);
+        let voxels = encode(&phantom.values, ElementType::U8, Endian::Little);
+        let nrrd = |fields: &str| {
+            let header = format!("NRRD0004\ntype: uint8\ndimension: 3\nsizes: 5 4 3\nencoding: raw\n{fields}\n");
+            [header.as_bytes(), &voxels].concat()
+        };
+        let axes = "space directions: (1,0,0) (0,1,0) (0,0,1)\n";
+        let meta = |fields: &str| {
+            let header =
+                format!("NDims = 3\nDimSize = 5 4 3\nElementType = MET_UCHAR\n{fields}ElementDataFile = LOCAL\n");
+            [header.as_bytes(), &voxels].concat()
+        };
+        let identity = "TransformMatrix = 1 0 0 0 1 0 0 0 1\n";
+        let npy = |text: &str| {
+            [b"\x93NUMPY\x01\0", &(text.len() as u16).to_le_bytes()[..], text.as_bytes(), &voxels].concat()
+        };
+        let layout = "5x4x3xuint8".parse::<raw::RawLayout>().unwrap();
+        for (name, bytes, is_known) in [
+            ("sform.nii", nifti.bytes(), true),
+            ("qform.nii", nifti.clone().with_qform(phantom.world_from_index).bytes(), true),
+            ("neither.nii", NiftiFile { sform_code: 0, ..nifti }.bytes(), false),
+            ("both.nrrd", nrrd(&format!("space: LPS\n{axes}")), true),
+            ("no space.nrrd", nrrd(axes), false),
+            ("no axes.nrrd", nrrd("space: LPS\nspacings: 1 1 1\n"), false),
+            ("scanner.nrrd", nrrd(&format!("space: scanner-xyz\n{axes}")), false),
+            ("matrix.mha", meta(identity), true),
+            ("letters.mha", meta("AnatomicalOrientation = RAI\n"), true),
+            ("other letters.mha", meta("AnatomicalOrientation = LAS\n"), false),
+            ("unknown.mha", meta(&format!("{identity}AnatomicalOrientation = ???\n")), false),
+            ("turned.mha", meta("TransformMatrix = 0 1 0 1 0 0 0 0 1\nAnatomicalOrientation = ???\n"), true),
+            ("place only.mha", meta("Offset = 1 2 3\n"), false),
+            ("array.npy", npy("{'descr': '|u1', 'fortran_order': False, 'shape': (3, 4, 5), }\n"), false),
+            ("plain.raw", voxels.clone(), false),
+        ] {
+            let path = folder.write(name, &bytes);
+            let raw = name.ends_with("raw").then(|| layout.clone());
+            let window = Window { crop: Some([[1, 5], [0, 4], [1, 3]]), reduce: [2, 1, 1] };
+            for window in [Window::default(), window] {
+                let options = ReadOptions { raw: raw.clone(), window, ..ReadOptions::default() };
+                let entry = survey(&path, &options, &Progress::new()).unwrap().remove(0);
+                let volume = read_volume(&path, &options, &Progress::new()).unwrap();
+                assert_eq!(volume.orientation.is_known(), is_known, "{name}: {:?}", volume.orientation);
+                assert_eq!(entry.orientation, volume.orientation, "{name}");
+                // Whoever reads the warnings learns it too, once.
+                let said = volume.warnings.iter().filter(|w| Some(w.as_str()) == volume.orientation.assumption());
+                assert_eq!(said.count(), usize::from(!is_known), "{name}: {:?}", volume.warnings);
+                let colors =
+                    read_volume(&path, &ReadOptions { labels_as_colors: true, ..options }, &Progress::new()).unwrap();
+                assert_eq!(colors.orientation, volume.orientation, "{name}");
+                let said = colors.warnings.iter().filter(|w| Some(w.as_str()) == volume.orientation.assumption());
+                assert_eq!(said.count(), usize::from(!is_known), "{name}: {:?}", colors.warnings);
+            }
+        }
+    }
+
+    #[test]
     fn integer_volumes_are_label_maps_and_others_are_not() {
         let folder = Folder::new();
         let phantom =
@@ -562,6 +631,7 @@ mod tests {
             format: "DICOM".to_owned(),
             modality: Modality::Ct,
             grid: Grid::new([8, 8, slices], DAffine3::IDENTITY).unwrap(),
+            orientation: Orientation::Stated,
             type_name: "int16",
             bytes_per_voxel: 2,
             num_frames: 1,

@@ -136,8 +136,7 @@ impl Opened {
             let preamble = if major == 1 { 10 } else { 12 };
             source.check_holds(size.saturating_add(preamble + length))?;
         }
-        let mut warnings =
-            vec!["The file does not give the voxel size; 1 mm is assumed.".to_owned(), slices::NO_PATIENT.to_owned()];
+        let mut warnings = vec!["The file does not give the voxel size; 1 mm is assumed.".to_owned()];
         if is_complex {
             warnings.push("The voxels are complex numbers, of which the magnitude is shown.".to_owned());
         }
@@ -147,6 +146,7 @@ impl Opened {
             format: "NumPy".to_owned(),
             modality: Modality::Unknown,
             grid: grid_of(path, dims, slices::world_without_patient(dims, DVec3::ONE))?,
+            orientation: slices::no_patient(),
             type_name: kind.name(),
             bytes_per_voxel: kind.bytes_per_voxel(),
             num_frames: usize::try_from(num_frames).unwrap_or(usize::MAX),

@@ -175,11 +175,37 @@ impl Modality {
     }
 }
 
+/// Where the letters of a volume's axes (R L A P S I) come from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Orientation {
+    /// Its file says how the axes lie in the body, or it was made so.
+    Stated,
+    /// Its file does not: a sentence about why, and what was assumed. Left and right may be swapped.
+    Assumed(String),
+}
+
+impl Orientation {
+    /// Whether the file says it.
+    pub fn is_known(&self) -> bool {
+        *self == Self::Stated
+    }
+
+    /// What was assumed and why, if the file does not say it.
+    pub fn assumption(&self) -> Option<&str> {
+        match self {
+            Self::Stated => None,
+            Self::Assumed(why) => Some(why),
+        }
+    }
+}
+
 /// A scalar volume in the world.
 #[derive(Clone, Debug)]
 pub struct Volume {
     /// Size and place in the world.
     pub grid: Grid,
+    /// Whether the letters of its axes are the file's or assumed; a volume without a file has its maker's.
+    pub orientation: Orientation,
     /// The stored numbers, `grid.num_voxels()` of them, x fastest.
     pub voxels: Voxels,
     /// From stored numbers to data values.
@@ -223,6 +249,7 @@ impl Volume {
         }
         Ok(Self {
             grid,
+            orientation: Orientation::Stated,
             voxels,
             rescale,
             modality: Modality::Unknown,

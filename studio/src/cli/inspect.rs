@@ -65,6 +65,8 @@ struct Report {
     spacing_mm: [f64; 3],
     size_mm: [f64; 3],
     orientation: String,
+    /// Whether the file says it; else it was assumed, and a warning says how.
+    orientation_known: bool,
     obliquity_deg: f64,
     left_handed: bool,
     /// Rows of the 4×4 matrix without its last.
@@ -141,6 +143,7 @@ fn report(volume: &Volume, statistics: &Statistics) -> Report {
         spacing_mm: spacing.to_array(),
         size_mm: std::array::from_fn(|i| spacing[i] * grid.dims()[i] as f64),
         orientation: grid.orientation_letters(),
+        orientation_known: volume.orientation.is_known(),
         obliquity_deg: grid.obliquity_deg(),
         left_handed: grid.is_left_handed(),
         world_from_index: [row(0), row(1), row(2)],
@@ -192,8 +195,9 @@ fn in_words(r: &Report) -> String {
         ),
         format!("spacing     {} mm; size {} mm", by(&r.spacing_mm), by(&r.size_mm)),
         format!(
-            "orientation {}{}{}",
+            "orientation {}{}{}{}",
             r.orientation,
+            if r.orientation_known { "" } else { " (assumed: the file does not say)" },
             if r.obliquity_deg > 0.05 { format!(", oblique by {:.1} degrees", r.obliquity_deg) } else { String::new() },
             if r.left_handed { ", left-handed grid" } else { "" }
         ),

@@ -62,6 +62,12 @@ impl OpenFigure {
         self.document.figure().volumes.iter().position(|slot| self.volume_of(slot).is_none())
     }
 
+    /// Why the letters R, L, A, P, S, I of what is seen may be wrong: a volume's file does not say how it lies.
+    pub fn assumed_orientation(&self) -> Option<&str> {
+        let slots = &self.document.figure().volumes;
+        slots.iter().filter_map(|slot| self.volume_of(slot)).find_map(|volume| volume.orientation.assumption())
+    }
+
     /// The volume of a slot, if it was read.
     pub fn volume_of(&self, slot: &VolumeSlot) -> Option<&Arc<Volume>> {
         self.volumes.iter().find(|(read, _)| read.reads_same(slot)).map(|(_, volume)| volume)

@@ -19,6 +19,7 @@ use fabrica_engine::{Error, Progress};
 use super::dialogs::{Choice, filled};
 use super::panels::properties::shorter;
 use super::theme;
+use super::viewport::why_marked;
 use crate::figure::template::VolumeSlot;
 use crate::memory;
 
@@ -264,10 +265,13 @@ impl VolumeChoice {
         // Which way an index leads, as people say it.
         let letters = self.entry().map(|e| e.grid.orientation_letters()).unwrap_or_default();
         let ways: Vec<&str> = letters.chars().map(way).collect();
+        let assumption = self.entry().and_then(|e| e.orientation.assumption()).map(why_marked);
+        let mark = if assumption.is_some() { " (?)" } else { "" };
         Grid::new("part").num_columns(6).spacing([8.0, 4.0]).show(ui, |ui| {
             for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
                 let [mut first, mut end] = self.crop[axis];
-                ui.label(format!("Along {name}, {}", ways[axis]));
+                let label = ui.label(format!("Along {name}, {}{mark}", ways[axis]));
+                assumption.as_deref().map(|why| label.on_hover_text(why));
                 let from = DragValue::new(&mut first).range(0..=end - 1);
                 ui.add(from).accessible_name(format!("First voxel along {name}"));
                 ui.label("to");
@@ -281,6 +285,10 @@ impl VolumeChoice {
                 ui.end_row();
             }
         });
+        if let Some(why) = &assumption {
+            let text = egui::RichText::new(why).size(12.0).color(theme::tokens(ui.ctx()).warning);
+            ui.add(egui::Label::new(text).wrap());
+        }
         if ui.button("All of it").clicked() {
             (self.crop, self.reduce) = (self.whole(), [1; 3]);
         }

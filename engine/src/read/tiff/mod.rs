@@ -172,7 +172,6 @@ impl Stack {
         }
         let x = sx.unwrap_or(1.0);
         let spacing = DVec3::new(x, sy.unwrap_or(x), sz.unwrap_or(x));
-        warnings.push(slices::NO_PATIENT.to_owned());
         if first.orientation != 1 {
             let code = first.orientation;
             warnings.push(format!(
@@ -202,6 +201,7 @@ impl Stack {
             format: if notes.format == "TIFF" && tiff.is_big { "BigTIFF" } else { notes.format }.to_owned(),
             modality: Modality::Unknown,
             grid: grid_of(path, dims, slices::world_without_patient(dims, spacing))?,
+            orientation: slices::no_patient(),
             type_name: kind.name(),
             bytes_per_voxel: kind.bytes_per_voxel(),
             num_frames: usize::try_from(num_frames).unwrap_or(usize::MAX),

@@ -16,6 +16,7 @@ use super::super::open_figure::OpenFigure;
 use super::super::painter::Stage;
 use super::super::panels::start_page;
 use super::super::ui_command::UiCommand;
+use super::super::viewport::{marked, why_marked};
 use super::super::{find_file, theme};
 use super::{Editor, waker};
 use crate::figure::template::QualityName;
@@ -144,7 +145,9 @@ impl Editor {
         ui.horizontal(|ui| {
             if let Some(open) = &self.open {
                 if let Some(under) = self.viewport.under() {
-                    ui.label(place(under.position_mm));
+                    let why = open.assumed_orientation();
+                    let label = ui.label(place(under.position_mm, why.is_some()));
+                    why.map(|why| label.on_hover_text(why_marked(why)));
                     let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
                     ui.label(format!("{:.1}{unit}", under.value));
                     ui.separator();
@@ -318,10 +321,10 @@ impl Editor {
 }
 
 /// A position in the body: millimeters to the right, to the front, up, or to their opposites.
-fn place(mm: DVec3) -> String {
+fn place(mm: DVec3, is_assumed: bool) -> String {
     let one = |value: f64, letters: [char; 2]| {
         let letter = if value < 0.0 { letters[1] } else { letters[0] };
-        format!("{letter} {:.1}", value.abs())
+        format!("{} {:.1}", marked(letter, is_assumed), value.abs())
     };
     format!("{} {} {} mm", one(mm.x, ['R', 'L']), one(mm.y, ['A', 'P']), one(mm.z, ['S', 'I']))
 }
