@@ -19,6 +19,7 @@ pub use ifd::is_tiff;
 use ifd::{Page, Tiff};
 use notes::Notes;
 
+use super::image_folder::{self, Standing};
 use super::slices::{self, PixelKind};
 use super::{Entry, ReadOptions, VolumeReader, check_frame, grid_of};
 use crate::error::{Error, Result};
@@ -42,11 +43,38 @@ impl VolumeReader for TiffReader {
     }
 
     fn survey(&self, path: &Path, _options: &ReadOptions, progress: &Progress) -> Result<Vec<Entry>> {
-        Ok(vec![Stack::open(path, progress)?.entry])
+        Ok(vec![match Opened::open(path, progress)? {
+            Opened::Pages(stack) => stack.entry,
+            Opened::Files(slices) => slices.entry,
+        }])
     }
 
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
-        Stack::open(path, progress)?.read(path, options, progress)
+        match Opened::open(path, progress)? {
+            Opened::Pages(stack) => stack.read(path, options, progress),
+            Opened::Files(slices) => slices.read(path, options, progress),
+        }
+    }
+}
+
+/// What a file is.
+enum Opened {
+    /// All there is.
+    Pages(Box<Stack>),
+    /// One slice of several files, which it stands for.
+    Files(Box<image_folder::Stack>),
+}
+
+impl Opened {
+    fn open(path: &Path, progress: &Progress) -> Result<Self> {
+        let mut stack = Stack::open(path, progress)?;
+        if stack.entry.grid.dims()[2] == 1 && stack.entry.num_frames == 1 {
+            match image_folder::standing_of(path, progress)? {
+                Standing::Slice(slices) => return Ok(Self::Files(slices)),
+                Standing::Alone(note) => stack.warnings.extend(note),
+            }
+        }
+        Ok(Self::Pages(Box::new(stack)))
     }
 }
 
