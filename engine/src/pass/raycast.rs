@@ -8,7 +8,7 @@ use glam::DVec3;
 use wgpu::util::DeviceExt as _;
 
 use super::transfer_table::{TABLE_SIZE, TransferTable};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, remedies};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::shader_library::RaycastKey;
 use crate::gpu::upload::{ResidentVolume, extent};
@@ -513,7 +513,7 @@ fn make_pipeline(
         Some(patch) => patch(text),
         None => text,
     };
-    let remedy = "update its driver or choose another adapter (--adapter software)";
+    let remedy = remedies::OTHER_ADAPTER;
     context.checked(&format!("the shader \"{key}\""), remedy, |device| {
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("raycast"),

@@ -14,7 +14,7 @@ use super::parts::{self, Part, Parts};
 use super::stream::{self, ByteSource, ElementType, Endian, Pick, PickedBytes, VoxelRequest};
 use super::window::Averaging;
 use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, volume_of};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, remedies};
 use crate::progress::Progress;
 use crate::volume::{Modality, Orientation, Rescale, Volume};
 
@@ -221,7 +221,7 @@ impl Header {
             return Err(Error::file(
                 path,
                 "this is no MetaImage file: its header has no NDims",
-                "check what the file is; if it holds plain voxels, describe them with --raw",
+                remedies::DESCRIBE_VOXELS,
             ));
         }
         if header.get("elementdatafile").is_none() {

@@ -15,7 +15,7 @@ use super::window::Averaging;
 use super::{
     Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, numbers_as_labels, volume_of,
 };
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, remedies};
 use crate::progress::Progress;
 use crate::spaces::Grid;
 use crate::volume::labels::{LabelMap, LabelTable};
@@ -362,7 +362,7 @@ impl Header {
                 Error::file(
                     path,
                     "this is no NIfTI file: neither a NIfTI-1 nor a NIfTI-2 header begins it",
-                    "check what the file is; if it holds plain voxels, describe them with --raw",
+                    remedies::DESCRIBE_VOXELS,
                 )
             });
         };

@@ -13,7 +13,7 @@ use super::slices::{self, PixelKind};
 use super::stream::{self, ByteSource, ElementType, Endian, Magnitudes, VoxelRequest};
 use super::window::Averaging;
 use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, volume_of};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, remedies};
 use crate::progress::Progress;
 use crate::volume::{Modality, Rescale, Volume};
 
@@ -79,7 +79,7 @@ impl Opened {
             return Err(Error::file(
                 path,
                 "this is no NumPy file: it does not begin with NumPy's mark",
-                "check what the file is; if it holds plain voxels, describe them with --raw",
+                remedies::DESCRIBE_VOXELS,
             ));
         }
         let [.., major, _, a, b, c, d] = start[..] else { return Err(cut_off()) };

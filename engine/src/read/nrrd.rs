@@ -17,7 +17,7 @@ use super::{
     Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, numbers_as_labels, volume_of,
     window_labels,
 };
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, remedies};
 use crate::progress::Progress;
 use crate::volume::labels::LabelMap;
 use crate::volume::{Modality, Orientation, Rescale, Volume, Voxels};
@@ -270,7 +270,7 @@ impl Header {
             return Err(Error::file(
                 path,
                 "this is no NRRD file: it does not begin with NRRD000",
-                "check what the file is; if it holds plain voxels, describe them with --raw",
+                remedies::DESCRIBE_VOXELS,
             ));
         }
         if end.is_none() && bytes.len() >= MAX_HEADER_BYTES {

@@ -17,7 +17,7 @@ use crate::volume::{Modality, Orientation, Rescale, Volume};
 
 /// How the layout is written, for messages.
 pub const EXAMPLE: &str =
-    "--raw 256x256x128xuint16,0.5x0.5x1,big (sizes and type; spacing in mm and byte order may be left out)";
+    "256x256x128xuint16,0.5x0.5x1,big (sizes and type; spacing in mm and byte order may be left out)";
 
 /// How plain voxels lie in a file, x fastest.
 #[derive(Clone, Debug, PartialEq)]
@@ -276,7 +276,7 @@ mod tests {
             "2x3x4x5xu8",
         ] {
             let sentence = wrong.parse::<RawLayout>().unwrap_err().to_string();
-            assert!(sentence.contains("; write it like --raw"), "{wrong}: {sentence}");
+            assert!(sentence.contains("; write it like 256x"), "{wrong}: {sentence}");
         }
     }
 

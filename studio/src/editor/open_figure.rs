@@ -9,6 +9,7 @@ use fabrica_engine::scene::Scene;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 
+use super::wording;
 use crate::figure::template::{ObjectTemplate, VolumeSlot};
 use crate::figure::{Command, Document, Template, bridge};
 
@@ -117,7 +118,7 @@ impl OpenFigure {
     /// Makes an edit: a step of its own, or a part of the gesture under way.
     pub fn edit(&mut self, command: Command) {
         if let Err(error) = self.document.apply(command) {
-            self.fault = Some(format!("{error:#}"));
+            self.fault = Some(wording::sentence(&error));
         }
         let num_nodes = self.chosen().map_or(0, |o| o.transfer_function.nodes.len());
         self.node = self.node.filter(|n| *n < num_nodes);

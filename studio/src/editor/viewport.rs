@@ -10,7 +10,10 @@ use eframe::egui::{
     self, Align2, Area, Color32, ColorImage, Context, CursorIcon, EventFilter, FontId, Id, Key, Modifiers, Order,
     PointerButton, Pos2, Rect, Response, Role, Sense, Stroke, TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo,
 };
+use fabrica_engine::error::printable;
 use fabrica_engine::pick::{Pick, pick};
+use fabrica_engine::volume::Volume;
+use fabrica_engine::volume::labels::Label;
 use glam::{DVec2, DVec3};
 
 use super::gallery::{DraggedStyle, Gallery};
@@ -422,6 +425,7 @@ impl Viewport {
         let node = nearest_node(open, &answer.pick);
         let Some(nodes) = open.chosen().map(|o| o.transfer_function.nodes.clone()) else { return };
         let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
+        let structures = open.chosen_volume().and_then(|v| structures_at(v, answer.pick.position_mm));
         let (at, value, gradient) = (answer.at, answer.pick.value, answer.pick.gradient);
         let painter = ui.painter();
         painter.circle_stroke(at, 6.0, Stroke::new(4.0, Color32::WHITE));
@@ -436,7 +440,9 @@ impl Viewport {
                     let (rect, _) = ui.allocate_exact_size(Vec2::splat(34.0), Sense::hover());
                     gallery.paint(ui.painter(), rect.center(), 16.0, &nodes[node].style);
                     ui.vertical(|ui| {
-                        ui.label(egui::RichText::new(format!("{value:.0}{unit}, gradient {gradient:.2}")).strong());
+                        let named = structures.as_deref().map(str::to_owned);
+                        let what = named.unwrap_or_else(|| format!("{value:.0}{unit}, gradient {gradient:.2}"));
+                        ui.add(egui::Label::new(egui::RichText::new(what).strong()).wrap());
                         let style = gallery.title(&nodes[node].style);
                         ui.label(theme::small(
                             ui.ctx(),
@@ -463,6 +469,21 @@ impl Viewport {
             self.answer = None;
         }
     }
+}
+
+/// Names and numbers of the structures at a place, if the volume shows structures; where they overlap, all of them.
+pub fn structures_at(volume: &Volume, position_mm: DVec3) -> Option<String> {
+    let label = |label: &Label| {
+        let number = label.id.to_string();
+        // Without a name it is called by its number.
+        if label.name == number {
+            format!("Structure {number}")
+        } else {
+            format!("{} (structure {number})", printable(label.name.clone()))
+        }
+    };
+    let named: Vec<String> = volume.structures_at(position_mm).into_iter().map(label).collect();
+    (!named.is_empty()).then(|| named.join(", "))
 }
 
 /// The node whose style a picked sample has most of.

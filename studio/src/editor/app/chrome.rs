@@ -16,7 +16,7 @@ use super::super::open_figure::OpenFigure;
 use super::super::painter::Stage;
 use super::super::panels::start_page;
 use super::super::ui_command::UiCommand;
-use super::super::viewport::{marked, why_marked};
+use super::super::viewport::{marked, structures_at, why_marked};
 use super::super::{find_file, theme};
 use super::{Editor, waker};
 use crate::figure::template::QualityName;
@@ -149,7 +149,8 @@ impl Editor {
                     let label = ui.label(place(under.position_mm, why.is_some()));
                     why.map(|why| label.on_hover_text(why_marked(why)));
                     let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
-                    ui.label(format!("{:.1}{unit}", under.value));
+                    let named = open.chosen_volume().and_then(|v| structures_at(v, under.position_mm));
+                    ui.label(named.unwrap_or_else(|| format!("{:.1}{unit}", under.value)));
                     ui.separator();
                 }
                 if !self.notice.is_fresh(ui.ctx()) && ui.ctx().content_rect().width() > WIDE {

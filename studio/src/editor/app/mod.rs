@@ -14,13 +14,12 @@ use eframe::egui::{self, CentralPanel, Context, Key, Panel, Ui, ViewportCommand}
 use fabrica_engine::gpu::AdapterChoice;
 use fabrica_engine::read::limits::Limits;
 use fabrica_engine::styles::StyleLibrary;
-use fabrica_engine::volume::Volume;
 
 use self::chrome::{Banner, Notice};
 use super::autosave::Autosave;
 use super::dialogs::{Dialog, Then};
 use super::file_dialog::{Answer, FileDialog};
-use super::files::{self, Job, Opened, is_cancelled};
+use super::files::{self, Filled, Job, Opened, is_cancelled};
 use super::gallery::Gallery;
 use super::open_figure::OpenFigure;
 use super::painter::{Painter, Stage, Update};
@@ -34,6 +33,7 @@ use super::timings::Timings;
 use super::ui_command::UiCommand;
 use super::viewport::Viewport;
 use super::volume_choice::VolumeChoice;
+use super::wording;
 use crate::figure::Document;
 use crate::figure::template::VolumeSlot;
 
@@ -93,10 +93,12 @@ pub struct Editor {
     layout: Layout,
     loading: Option<Job<Opened>>,
     /// A volume on its way into a slot; whether that is an edit, or only brings what the figure names.
-    filling: Option<(Job<Arc<Volume>>, usize, VolumeSlot, bool)>,
+    filling: Option<(Job<Filled>, usize, VolumeSlot, bool)>,
     searching: Option<(Job<Vec<PathBuf>>, usize)>,
     /// A file that is looked at, to ask how it shall be read.
     asking: Option<Job<VolumeChoice>>,
+    /// How a volume is just read, as it was answered: asked again if that fails.
+    answered: Option<Box<VolumeChoice>>,
     /// A slot whose volume could not be read, and why; it is not tried again by itself.
     missing: Option<(VolumeSlot, String)>,
     file_dialog: Option<FileDialog>,
@@ -142,6 +144,7 @@ impl Editor {
             filling: None,
             searching: None,
             asking: None,
+            answered: None,
             missing: None,
             file_dialog: None,
             dialog: None,
@@ -192,8 +195,16 @@ impl Editor {
             match result {
                 Ok(Opened::Figure(loaded)) => self.show_loaded(ctx, *loaded),
                 Ok(Opened::Asked(choice)) => self.dialog = Some(Dialog::Volume(choice)),
-                Err(error) if is_cancelled(&error) => self.notice = Notice::now("Opening was cancelled"),
-                Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
+                Err(error) if is_cancelled(&error) => {
+                    self.answered = None;
+                    self.notice = Notice::now("Opening was cancelled");
+                }
+                Err(error) => {
+                    let sentence = wording::sentence(&error);
+                    if !self.ask_again(&sentence) {
+                        self.banner = Some(Banner::new(sentence));
+                    }
+                }
             }
         }
         self.poll_volumes(ctx);
