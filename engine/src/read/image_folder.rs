@@ -20,7 +20,7 @@ use crate::volume::{Modality, Rescale, Volume};
 /// Numbered images in a folder that a single one of them stands for; two may lie side by side for any reason.
 const MIN_SIBLINGS: usize = 3;
 
-/// Reads folders of images, and PNG files.
+/// Reads folders of images, and the slices that a PNG file stands for.
 pub struct ImageFolderReader;
 
 impl VolumeReader for ImageFolderReader {
@@ -143,10 +143,14 @@ impl Stack {
         if path.is_file() {
             return match standing_of(path, progress)? {
                 Standing::Slice(stack) => Ok(*stack),
-                Standing::Alone(note) => {
-                    let stack = Self::of(path, vec![path.to_owned()], Vec::from_iter(note), progress)?;
-                    Ok(Self { entry: Entry { format: "PNG".to_owned(), ..stack.entry }, ..stack })
-                }
+                // Only a damaged file has a fault of its own.
+                Standing::Alone(note) => Err(survey_png(path).err().unwrap_or_else(|| {
+                    let what = note.map_or_else(
+                        || "this is a single PNG picture, not a volume".to_owned(),
+                        |note| format!("this is a single PNG picture: {}", note.trim_end_matches('.')),
+                    );
+                    Error::file(path, what, "name a folder of numbered slices, or one of them")
+                })),
             };
         }
         let (files, _) = files_of(path)?;
@@ -434,24 +438,22 @@ mod tests {
             let entry = survey(&path, &ReadOptions::default(), &Progress::new()).unwrap().remove(0);
             assert_eq!((entry.num_files, entry.grid), (4, volume.grid));
         }
-        // Those that make no volume together are read one by one, and it is said why.
+        // Of those that make no volume together, a TIFF file is one by itself, and it is said why.
         folder.write("slice_5.png", &gray(&[1, 2, 3, 4]));
         std::fs::remove_file(folder.path().join("cut 3.tif")).unwrap();
-        for (name, dims, why) in
-            [("slice_1.png", [2, 1, 1], "this slice has 2 x 2 pixels"), ("cut 1.tif", [2, 1, 1], "number 3 is missing")]
-        {
-            let volume = read(&folder.path().join(name)).unwrap();
-            assert_eq!((volume.grid.dims(), volume.value(0, 0, 0)), (dims, 10.0), "{name}");
-            let warnings = volume.warnings.join(" ");
-            assert!(warnings.contains("make no volume together") && warnings.contains(why), "{warnings}");
-        }
+        let volume = read(&folder.path().join("cut 1.tif")).unwrap();
+        assert_eq!((volume.grid.dims(), volume.value(0, 0, 0)), ([2, 1, 1], 10.0));
+        let warnings = volume.warnings.join(" ");
+        assert!(warnings.contains("make no volume together: of the slices 1 to 4, number 3 is missing"), "{warnings}");
+        // A single PNG is a picture of something.
+        let refusal = read(&folder.path().join("slice_1.png")).unwrap_err().to_string();
+        assert!(refusal.contains("make no volume together: this slice has 2 x 2 pixels"), "{refusal}");
         // Two pictures are seldom a volume, and one with pages is one by itself.
         std::fs::remove_file(folder.path().join("cut 4.tif")).unwrap();
         let volume = read(&folder.path().join("cut 1.tif")).unwrap();
         assert_eq!((volume.grid.dims(), volume.warnings.iter().any(|w| w.contains("numbered"))), ([2, 1, 1], false));
         let alone = Folder::new();
-        let volume = alone.read("picture.png", &gray(&[7, 8])).unwrap();
-        assert_eq!((volume.grid.dims(), volume.format.as_str()), ([2, 1, 1], "PNG"));
+        assert!(alone.refusal("picture.png", &gray(&[7, 8])).contains("a single PNG picture, not a volume"));
         assert!(alone.refusal("b.png", b"hello").contains("the PNG file is damaged"));
     }
 

@@ -107,7 +107,9 @@ impl VolumeChoice {
     /// The same question once more, after the answer led to `fault`.
     #[must_use]
     pub fn refused(self, fault: String) -> Self {
-        Self { fault: Some(fault), has_begun: false, ..self }
+        let mut letters = fault.chars();
+        let first = letters.next().into_iter().flat_map(char::to_uppercase);
+        Self { fault: Some(first.chain(letters).collect()), has_begun: false, ..self }
     }
 
     /// The slot as it is answered, and what reading may take: no limit once the user wants it all the same.

@@ -17,7 +17,7 @@ use super::super::painter::Stage;
 use super::super::panels::start_page;
 use super::super::ui_command::UiCommand;
 use super::super::viewport::{marked, structures_at, why_marked};
-use super::super::{find_file, theme};
+use super::super::{find_file, theme, wording};
 use super::{Editor, waker};
 use crate::figure::template::QualityName;
 
@@ -314,7 +314,7 @@ impl Editor {
             }
             Some(start_page::Choice::Discard(which)) => {
                 if let Err(error) = self.orphans.remove(which).discard() {
-                    self.banner = Some(Banner::new(format!("{error:#}")));
+                    self.banner = Some(Banner::new(wording::sentence(&error)));
                 }
             }
         }
