@@ -65,7 +65,7 @@ pub enum Error {
 }
 
 /// The volumes there are, numbered; of many the first ones.
-fn in_words(entries: &[Entry]) -> String {
+pub fn in_words(entries: &[Entry]) -> String {
     const MOST: usize = 8;
     let mut words: Vec<_> = (1..).zip(entries).take(MOST).map(|(i, e)| format!("{i}: {}", e.in_words())).collect();
     if entries.len() > MOST {
@@ -86,8 +86,24 @@ pub fn printable(text: String) -> String {
 fn layout_remedy(guess: Option<&RawLayout>) -> String {
     match guess {
         Some(layout) => format!("add the layout, by its name and size: --raw {layout}"),
-        None => format!("add the layout: {}", raw::EXAMPLE),
+        None => format!("add the layout: --raw {}", raw::EXAMPLE),
     }
+}
+
+/// Remedies that name options of the command line and its commands. A window, which has none of them, knows them by these
+/// constants and says its own.
+pub mod remedies {
+    /// What is no file of the format that its name promises.
+    pub const DESCRIBE_VOXELS: &str = "check what the file is; if it holds plain voxels, describe them with --raw";
+    /// A file of no format.
+    pub const CONVERT_OR_DESCRIBE: &str =
+        "convert it, or describe plain voxels with --raw, as in --raw 256x256x128xuint16,0.5x0.5x1,big";
+    /// A series that there is not.
+    pub const LIST_SERIES: &str = "list them with `fabrica inspect`, and give a number or a part of the name";
+    /// A part of the names of several series.
+    pub const NAME_SERIES: &str = "give more of the name, or its number in the list of `fabrica inspect`";
+    /// An adapter that cannot draw.
+    pub const OTHER_ADAPTER: &str = "update its driver or choose another adapter (--adapter software)";
 }
 
 impl Error {

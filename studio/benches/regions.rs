@@ -99,7 +99,8 @@ fn balls(grid: &Grid, count: usize) -> Vec<Selection> {
     let radius = dims.min_element() / 3.0;
     (0..count)
         .map(|i| {
-            let center = dims * DVec3::new(0.3 + 0.4 * (i & 1) as f64, 0.3 + 0.4 * (i >> 1 & 1) as f64, 0.3 + 0.4 * (i >> 2) as f64);
+            let center = dims
+                * DVec3::new(0.3 + 0.4 * (i & 1) as f64, 0.3 + 0.4 * (i >> 1 & 1) as f64, 0.3 + 0.4 * (i >> 2) as f64);
             let mut selection = Selection::empty(*grid, &pool);
             selection.change(grid.dims().map(|n| [0, n]), |v, _| {
                 let at = DVec3::from_array(v.map(|n| n as f64));

@@ -517,6 +517,77 @@ fn a_click_tells_what_is_there_and_makes_a_node_of_it() {
 }
 
 #[test]
+fn a_click_on_a_label_map_names_the_structure() {
+    let place = Place::with_ball();
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 16 16 16\nencoding: raw\nSegment0_Name:=shell\n\
+                  Segment0_LabelValue:=60\nSegment1_Name:=core\nSegment1_LabelValue:=200\n\n";
+    let path = place.path("ball.seg.nrrd");
+    std::fs::write(&path, [header.as_bytes(), &std::fs::read(place.path("ball.raw")).unwrap()].concat()).unwrap();
+    let mut harness = harness(Some(path));
+    settle(&mut harness);
+    assert!(figure(&harness).volumes[0].labels && editor(&harness).banner().is_none());
+    assert!(
+        !editor(&harness).notice().contains("Taken for"),
+        "the file says what it is: {}",
+        editor(&harness).notice()
+    );
+    let canvas = harness.get_by_label_contains("Figure: ").rect().center();
+    click(&mut harness, canvas);
+    // In the answer, and in the status bar under the pointer.
+    assert_eq!(harness.query_all_by_label("shell (structure 60)").count(), 2);
+    assert!(harness.query_by_label_contains("gradient").is_none());
+    // A part of it knows its structures as well: here the ball is cut through its middle.
+    run(&mut harness, UiCommand::ReadOtherwise);
+    settle(&mut harness);
+    click_on(&mut harness, "Part and resolution");
+    (0..30).for_each(|_| harness.step());
+    click_on(&mut harness, "End along y");
+    enter(&mut harness, "8");
+    click_on(&mut harness, "Open");
+    settle(&mut harness);
+    assert_eq!(figure(&harness).volumes[0].crop, Some([[0, 16], [0, 8], [0, 16]]));
+    run(&mut harness, UiCommand::FromFront);
+    settle(&mut harness);
+    click(&mut harness, canvas);
+    assert_eq!(harness.query_all_by_label("core (structure 200)").count(), 2);
+}
+
+#[test]
+fn what_is_taken_for_a_mask_can_be_read_as_a_scan() {
+    let place = Place::with_ball();
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 16 16 16\nencoding: raw\n\n";
+    let ball = std::fs::read(place.path("ball.raw")).unwrap();
+    let voxels: Vec<u8> = ball.iter().map(|v| u8::from(*v > 0)).collect();
+    let path = place.path("mask.nrrd");
+    std::fs::write(&path, [header.as_bytes(), &voxels].concat()).unwrap();
+    let mut harness = harness(Some(path));
+    settle(&mut harness);
+    let notice = editor(&harness).notice().to_owned();
+    assert!(
+        notice.starts_with("Taken for a mask, as its only values are 0 and 1. If it is a scan: File, "),
+        "{notice}"
+    );
+    assert!(notice.contains(UiCommand::ReadOtherwise.text()) && !notice.contains("--"), "{notice}");
+    let taken = figure(&harness);
+    assert!(taken.volumes[0].labels);
+    run(&mut harness, UiCommand::ReadOtherwise);
+    settle(&mut harness);
+    click_on(&mut harness, "Values of a scan");
+    assert!(harness.unnamed_widgets().is_empty());
+    click_on(&mut harness, "Open");
+    settle(&mut harness);
+    let read = figure(&harness);
+    assert!(!read.volumes[0].labels && editor(&harness).banner().is_none());
+    // Its values have another look than its colors, and both came in one step.
+    assert_ne!(read.objects[0].transfer_function, taken.objects[0].transfer_function);
+    assert_eq!(read.objects[0].transfer_function.nodes[0].at, 0.5);
+    assert_eq!(labels(&harness), ["Read mask.nrrd, as values of a scan"]);
+    run(&mut harness, UiCommand::Undo);
+    settle(&mut harness);
+    assert_eq!(figure(&harness), taken);
+}
+
+#[test]
 fn objects_are_named_and_hidden_and_history_goes_anywhere() {
     let place = Place::with_ball();
     let mut harness = opened(&place);
@@ -614,6 +685,34 @@ fn plain_voxels_ask_for_their_layout_which_the_name_may_tell() {
 }
 
 #[test]
+fn a_layout_that_cannot_be_read_can_be_mended() {
+    let place = Place::with_ball();
+    // How long a compressed file is shows only when it is read.
+    let path = place.path("ball.raw.gz");
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    std::io::Write::write_all(&mut encoder, &std::fs::read(place.path("ball.raw")).unwrap()).unwrap();
+    std::fs::write(&path, encoder.finish().unwrap()).unwrap();
+    let mut harness = harness(Some(path));
+    settle(&mut harness);
+    retype(&mut harness, "16x16x17xuint8");
+    harness.key_press(Key::Enter);
+    settle(&mut harness);
+    assert!(harness.query_by_label("How do the voxels lie?").is_some() && editor(&harness).banner().is_none());
+    let said = harness.query_all_by_label_contains("ball.raw.gz)").count();
+    assert_eq!(said, 1, "the reason is not there");
+    assert!(harness.query_by_label_contains("--").is_none());
+    // What was typed is still there, and the field is where typing goes on.
+    harness.key_press(Key::End);
+    (0.."7xuint8".len()).for_each(|_| harness.key_press(Key::Backspace));
+    harness.event(Event::Text("6xuint8".to_owned()));
+    harness.step();
+    harness.key_press(Key::Enter);
+    settle(&mut harness);
+    assert_eq!(figure(&harness).volumes[0].raw.as_deref(), Some("16x16x16xuint8,1x1x1,little"));
+    assert!(harness.query_by_label("How do the voxels lie?").is_none());
+}
+
+#[test]
 fn frames_are_chosen_and_undone() {
     let place = Place::with_ball();
     let mut harness = harness(Some(frames(&place, "beating.nrrd", 5)));
@@ -623,10 +722,48 @@ fn frames_are_chosen_and_undone() {
     enter(&mut harness, "4");
     settle(&mut harness);
     assert_eq!(figure(&harness).volumes[0].frame, 3);
+    assert_eq!(labels(&harness), ["Read beating.nrrd, frame 4"]);
     run(&mut harness, UiCommand::Undo);
     settle(&mut harness);
     assert_eq!(figure(&harness).volumes[0].frame, 0);
     assert_eq!(editor(&harness).banner(), None);
+}
+
+#[test]
+fn letters_that_no_file_states_are_marked() {
+    let place = Place::with_ball();
+    let placed = |name: &str, fields: &str| {
+        let header = format!("NRRD0004\ntype: uint8\ndimension: 3\nsizes: 16 16 16\nencoding: raw\n{fields}\n");
+        let path = place.path(name);
+        std::fs::write(&path, [header.into_bytes(), std::fs::read(place.path("ball.raw")).unwrap()].concat()).unwrap();
+        path
+    };
+    let letters =
+        |harness: &Window, right: &str| harness.query_all_by_label_contains(&format!(", {right} on the left")).count();
+    let axes = "space directions: (1,0,0) (0,1,0) (0,0,1)\n";
+    let mut known = harness(Some(placed("known.nrrd", &format!("space: RAS\n{axes}"))));
+    settle(&mut known);
+    run(&mut known, UiCommand::FromFront);
+    assert_eq!((letters(&known, "R"), letters(&known, "R?")), (1, 0));
+    // Undo of another volume brings its letters back.
+    let mut assumed = harness(Some(placed("assumed.nrrd", axes)));
+    settle(&mut assumed);
+    run(&mut assumed, UiCommand::FromFront);
+    assert_eq!((letters(&assumed, "R"), letters(&assumed, "R?")), (0, 1));
+    drop_files(&mut assumed, &[place.path("known.nrrd")]);
+    click_on(&mut assumed, "Use in this figure");
+    settle(&mut assumed);
+    assert_eq!((letters(&assumed, "R"), letters(&assumed, "R?")), (1, 0));
+    run(&mut assumed, UiCommand::Undo);
+    settle(&mut assumed);
+    assert_eq!(letters(&assumed, "R?"), 1);
+    // What is asked about its part says it as well.
+    run(&mut assumed, UiCommand::ReadOtherwise);
+    settle(&mut assumed);
+    click_on(&mut assumed, "Part and resolution");
+    (0..30).for_each(|_| assumed.step());
+    assert!(assumed.query_by_label("Along x, to the right (?)").is_some());
+    assert!(assumed.query_by_label_contains("The letters are assumed. The header does not name its space").is_some());
 }
 
 #[test]
@@ -649,6 +786,7 @@ fn a_part_of_a_volume_is_loaded_and_the_figure_says_so() {
     settle(&mut harness);
     let slot = figure(&harness).volumes[0].clone();
     assert_eq!((slot.crop, slot.reduce), (Some([[0, 8], [0, 16], [0, 16]]), Some([1, 1, 2])));
+    assert_eq!(labels(&harness), ["Read beating.nrrd, cropped, reduced 1 x 1 x 2"]);
     assert!(harness.query_all_by_label_contains("8 x 16 x 8 were loaded").count() > 0, "the window does not say it");
     run(&mut harness, UiCommand::Undo);
     assert_eq!(figure(&harness).volumes[0].crop, None);

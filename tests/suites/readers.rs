@@ -323,7 +323,7 @@ fn what_is_no_scalar_volume_is_refused_with_a_sentence() {
     for (file, expected) in [
         ("edge_not_nifti.nii", "this is no NIfTI file"),
         ("2D_2x2_square_object_at_(1,3).raw", "a raw file does not say how its voxels lie"),
-        ("matcaps/matcap-gold.png", "no volume in a format that Fabrica reads"),
+        ("matcaps/matcap-gold.png", "this is a single PNG picture, not a volume"),
         ("edge_analyze_missing_img.hdr", "edge_analyze_missing_img.img, is missing"),
         ("README.md", "no volume in a format that Fabrica reads"),
     ] {

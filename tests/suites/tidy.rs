@@ -142,3 +142,24 @@ fn the_tree_holds_no_large_file_and_no_debris() {
         }
     }
 }
+
+#[test]
+fn the_window_words_its_faults_itself() {
+    // `{error:#}` would name options of the command line (studio/src/editor/wording.rs).
+    let mut folders = vec![checkout().join("studio/src/editor")];
+    let mut num_files = 0;
+    while let Some(folder) = folders.pop() {
+        for path in std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            num_files += 1;
+            let text = std::fs::read_to_string(&path).unwrap();
+            // What is written to the terminal, and notes about the state folder, name no option.
+            let lines = text.lines().filter(|l| l.contains("{error:#}") && !l.contains("eprintln!"));
+            assert_eq!(lines.collect::<Vec<_>>(), [""; 0], "{}", path.display());
+        }
+    }
+    assert!(num_files > 20);
+}

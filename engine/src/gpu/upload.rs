@@ -426,6 +426,7 @@ mod tests {
                 format: String::new(),
                 modality: Modality::Unknown,
                 grid: Grid::new([2, 3, 4], DAffine3::IDENTITY).unwrap(),
+                orientation: crate::volume::Orientation::Stated,
                 type_name,
                 bytes_per_voxel: 1,
                 num_frames: 1,

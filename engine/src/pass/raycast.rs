@@ -9,7 +9,7 @@ use wgpu::util::DeviceExt as _;
 
 use super::regions::{RegionLooks, Tables};
 use super::transfer_table::{TABLE_SIZE, TransferTable};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, remedies};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::regions::ResidentRegions;
 use crate::gpu::shader_library::RaycastKey;
@@ -622,7 +622,7 @@ fn make_pipeline(
         Some(patch) => patch(text),
         None => text,
     };
-    let remedy = "update its driver or choose another adapter (--adapter software)";
+    let remedy = remedies::OTHER_ADAPTER;
     context.checked(&format!("the shader \"{key}\""), remedy, |device| {
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("raycast"),

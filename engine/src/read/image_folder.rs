@@ -1,4 +1,4 @@
-//! A folder of numbered images (TIFF or PNG), each a slice.
+//! A folder of numbered images (TIFF or PNG), each a slice; one of them stands for all.
 //!
 //! The slices are the files that differ in one number only, in its order. A missing number is refused, as the slices behind
 //! it would lie in the wrong place. The axes are those of images ([`super::slices`]); slices are as far apart as columns.
@@ -17,15 +17,25 @@ use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::volume::{Modality, Rescale, Volume};
 
-/// Reads folders of images.
+/// Numbered images in a folder that a single one of them stands for; two may lie side by side for any reason.
+const MIN_SIBLINGS: usize = 3;
+
+/// Reads folders of images, and the slices that a PNG file stands for.
 pub struct ImageFolderReader;
 
 impl VolumeReader for ImageFolderReader {
     fn name(&self) -> &'static str {
-        "a folder of TIFF or PNG images"
+        "TIFF or PNG slices"
     }
 
-    fn recognizes(&self, path: &Path, _head: &[u8]) -> bool {
+    fn extensions(&self) -> &'static [&'static str] {
+        &["png"]
+    }
+
+    fn recognizes(&self, path: &Path, head: &[u8]) -> bool {
+        if !head.is_empty() {
+            return head.starts_with(b"\x89PNG\r\n\x1a\n");
+        }
         path.is_dir() && files_of(path).is_ok_and(|(files, num_others)| files.len() > 1 && files.len() > num_others)
     }
 
@@ -62,19 +72,95 @@ fn files_of(folder: &Path) -> Result<(Vec<PathBuf>, usize)> {
     Ok((tiffs, num_others + pngs.len()))
 }
 
+/// What a file with one image is.
+pub enum Standing {
+    /// One of these slices, which it stands for.
+    Slice(Box<Stack>),
+    /// By itself, with a sentence if there are others that are numbered as it is.
+    Alone(Option<String>),
+}
+
+/// Whether a file with one image stands for those in its folder that are numbered as it is.
+///
+/// # Errors
+/// [`Error::Cancelled`] on request; what makes no volume is a reason to be alone.
+pub fn standing_of(path: &Path, progress: &Progress) -> Result<Standing> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let numbered = numbered_like(path, folder);
+    let n = numbered.len();
+    if n < MIN_SIBLINGS {
+        return Ok(Standing::Alone(None));
+    }
+    let mut warnings = Vec::new();
+    let stack = in_order(folder, numbered, &mut warnings).and_then(|files| Stack::of(path, files, warnings, progress));
+    match stack {
+        Ok(mut stack) => {
+            stack.warnings.push(format!(
+                "The file is one of {n} numbered slices in its folder, which were read as one volume; to read it alone, copy it \
+                 into a folder of its own."
+            ));
+            Ok(Standing::Slice(Box::new(stack)))
+        }
+        Err(Error::Cancelled) => Err(Error::Cancelled),
+        Err(Error::File { what, .. }) => Ok(Standing::Alone(Some(format!(
+            "{n} images in its folder are numbered as this one, but make no volume together: {what}."
+        )))),
+        Err(_) => Ok(Standing::Alone(None)),
+    }
+}
+
+/// The images in the folder of `path` that differ from it in one number only, itself included: the largest such set.
+fn numbered_like(path: &Path, folder: &Path) -> Vec<PathBuf> {
+    let is_png = has_extension(path, "png");
+    let is_alike = |other: &PathBuf| {
+        let is_image = ["png", "tif", "tiff"].iter().any(|e| has_extension(other, e));
+        is_image && has_extension(other, "png") == is_png && other.is_file()
+    };
+    let names: Vec<(String, String)> = numbers_in(path).into_iter().map(|name| name.around).collect();
+    let mut sets: Vec<Vec<PathBuf>> = vec![Vec::new(); names.len()];
+    for other in std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).filter(is_alike) {
+        for Name { around, .. } in numbers_in(&other) {
+            if let Some(i) = names.iter().position(|own| *own == around) {
+                sets[i].push(other.clone());
+            }
+        }
+    }
+    sets.into_iter().max_by_key(Vec::len).unwrap_or_default()
+}
+
 /// Slices whose headers are understood and fit together.
-struct Stack {
-    entry: Entry,
+pub struct Stack {
+    /// As the survey shows it.
+    pub entry: Entry,
     files: Vec<PathBuf>,
     kind: PixelKind,
     warnings: Vec<String>,
 }
 
 impl Stack {
-    fn open(folder: &Path, progress: &Progress) -> Result<Self> {
-        let (files, _) = files_of(folder)?;
+    /// Of a folder, or of what a PNG file stands for.
+    fn open(path: &Path, progress: &Progress) -> Result<Self> {
+        if path.is_file() {
+            return match standing_of(path, progress)? {
+                Standing::Slice(stack) => Ok(*stack),
+                // Only a damaged file has a fault of its own.
+                Standing::Alone(note) => Err(survey_png(path).err().unwrap_or_else(|| {
+                    let what = note.map_or_else(
+                        || "this is a single PNG picture, not a volume".to_owned(),
+                        |note| format!("this is a single PNG picture: {}", note.trim_end_matches('.')),
+                    );
+                    Error::file(path, what, "name a folder of numbered slices, or one of them")
+                })),
+            };
+        }
+        let (files, _) = files_of(path)?;
         let mut warnings = Vec::new();
-        let files = in_order(folder, files, &mut warnings)?;
+        let files = in_order(path, files, &mut warnings)?;
+        Self::of(path, files, warnings, progress)
+    }
+
+    /// Of files in their order; `folder` is what the user named.
+    fn of(folder: &Path, files: Vec<PathBuf>, mut warnings: Vec<String>, progress: &Progress) -> Result<Self> {
         let Some(first) = files.first() else {
             return Err(Error::file(folder, "the folder has no images", "name a folder of numbered TIFF or PNG files"));
         };
@@ -106,7 +192,6 @@ impl Stack {
             None => "The files do not give the voxel size; 1 mm is assumed.".to_owned(),
             Some(_) => "The files do not give the distance of slices; that of the columns is assumed.".to_owned(),
         });
-        warnings.push(slices::NO_PATIENT.to_owned());
         let x = x.unwrap_or(1.0);
         let spacing = DVec3::new(x, wanted.spacing_mm[1].unwrap_or(x), x);
         let entry = Entry {
@@ -115,6 +200,7 @@ impl Stack {
             format: if has_extension(first, "png") { "PNG slices" } else { "TIFF slices" }.to_owned(),
             modality: Modality::Unknown,
             grid: grid_of(folder, dims, slices::world_without_patient(dims, spacing))?,
+            orientation: slices::no_patient(),
             type_name: wanted.kind.name(),
             bytes_per_voxel: wanted.kind.bytes_per_voxel(),
             num_frames: 1,
@@ -125,7 +211,11 @@ impl Stack {
         Ok(Self { entry, files, kind: wanted.kind, warnings })
     }
 
-    fn read(self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
+    /// Reads the part that the options take.
+    ///
+    /// # Errors
+    /// If a file is damaged, or on request.
+    pub fn read(self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
         check_frame(path, options.frame, 1)?;
         let Self { entry, files, kind, warnings } = self;
         let decode = |z: usize| {
@@ -319,6 +409,7 @@ mod tests {
         let volume = read(folder.path()).unwrap();
         assert_eq!(volume.voxels, Voxels::U16(vec![80, 81, 90, 91, 100, 101, 110, 111]));
         assert_eq!((volume.grid.dims(), volume.format.as_str()), ([2, 1, 4], "TIFF slices"));
+        assert!(!volume.orientation.is_known());
         let entry = survey(folder.path(), &ReadOptions::default(), &Progress::new()).unwrap().remove(0);
         assert_eq!((entry.num_files, entry.type_name), (4, "uint16"));
         // A preview beside them is left out and named.
@@ -329,6 +420,41 @@ mod tests {
         let options = ReadOptions { window, ..ReadOptions::default() };
         let part = read_volume(folder.path(), &options, &Progress::new()).unwrap();
         assert_eq!(part.voxels, Voxels::U16(vec![91, 101]));
+    }
+
+    #[test]
+    fn a_numbered_slice_stands_for_its_folder() {
+        let folder = Folder::new();
+        for i in 1..=4_u8 {
+            folder.write(&format!("slice_{i}.png"), &gray(&[10 * i, 0]));
+            folder.write(&format!("cut {i}.tif"), &tiff_of(2, 1, &[10 * u16::from(i), 1]));
+        }
+        for name in ["slice_3.png", "cut 2.tif"] {
+            let path = folder.path().join(name);
+            let volume = read(&path).unwrap();
+            assert_eq!((volume.grid.dims(), volume.value(0, 0, 3)), ([2, 1, 4], 40.0), "{name}");
+            let warnings = volume.warnings.join(" ");
+            assert!(warnings.contains("one of 4 numbered slices in its folder"), "{warnings}");
+            let entry = survey(&path, &ReadOptions::default(), &Progress::new()).unwrap().remove(0);
+            assert_eq!((entry.num_files, entry.grid), (4, volume.grid));
+        }
+        // Of those that make no volume together, a TIFF file is one by itself, and it is said why.
+        folder.write("slice_5.png", &gray(&[1, 2, 3, 4]));
+        std::fs::remove_file(folder.path().join("cut 3.tif")).unwrap();
+        let volume = read(&folder.path().join("cut 1.tif")).unwrap();
+        assert_eq!((volume.grid.dims(), volume.value(0, 0, 0)), ([2, 1, 1], 10.0));
+        let warnings = volume.warnings.join(" ");
+        assert!(warnings.contains("make no volume together: of the slices 1 to 4, number 3 is missing"), "{warnings}");
+        // A single PNG is a picture of something.
+        let refusal = read(&folder.path().join("slice_1.png")).unwrap_err().to_string();
+        assert!(refusal.contains("make no volume together: this slice has 2 x 2 pixels"), "{refusal}");
+        // Two pictures are seldom a volume, and one with pages is one by itself.
+        std::fs::remove_file(folder.path().join("cut 4.tif")).unwrap();
+        let volume = read(&folder.path().join("cut 1.tif")).unwrap();
+        assert_eq!((volume.grid.dims(), volume.warnings.iter().any(|w| w.contains("numbered"))), ([2, 1, 1], false));
+        let alone = Folder::new();
+        assert!(alone.refusal("picture.png", &gray(&[7, 8])).contains("a single PNG picture, not a volume"));
+        assert!(alone.refusal("b.png", b"hello").contains("the PNG file is damaged"));
     }
 
     #[test]

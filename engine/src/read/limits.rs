@@ -1,10 +1,11 @@
 //! What a volume will take before it is read, and which part of it fits where the whole does not.
 
+use std::borrow::Cow;
 use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 
 use super::window::{OnGrid, Window};
-use super::{Entry, ReadOptions};
+use super::{Entry, Numbers, ReadOptions};
 use crate::error::{Error, Result};
 
 /// What a volume may take. Nothing is limited by default.
@@ -34,6 +35,14 @@ impl Cost {
 }
 
 impl Entry {
+    /// As it is read if its numbers are taken for this: structures are colors, with a luminance and a number each.
+    pub fn taken_for(&self, numbers: Numbers) -> Cow<'_, Self> {
+        if !numbers.are_structures(self) {
+            return Cow::Borrowed(self);
+        }
+        Cow::Owned(Self { type_name: "rgba", bytes_per_voxel: 6 + 2, ..self.clone() })
+    }
+
     /// What this volume, or a part of it, will take.
     pub fn cost(&self, part: &OnGrid) -> Cost {
         let num_voxels = part.num_voxels() as u64;
@@ -82,14 +91,7 @@ impl Limits {
     /// [`Error::TooLarge`] if what the options ask for is not within the limits.
     pub(super) fn check(&self, path: &Path, entry: &Entry, options: &ReadOptions) -> Result<()> {
         let part = options.window.on(path, entry.grid.dims())?;
-        let colors;
-        let entry = if options.labels_as_colors {
-            // A color and its luminance for every number.
-            colors = Entry { type_name: "rgba", bytes_per_voxel: 6, ..entry.clone() };
-            &colors
-        } else {
-            entry
-        };
+        let entry = &*entry.taken_for(options.numbers);
         if self.admit(entry, &part) {
             return Ok(());
         }
@@ -121,26 +123,36 @@ pub struct TooLarge {
     pub fitting: Window,
 }
 
-impl Display for TooLarge {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+impl TooLarge {
+    /// What is too large for what, as a clause without a remedy.
+    pub fn what(&self) -> String {
         let [x, y, z] = self.dims;
-        write!(f, "its {x} x {y} x {z} voxels ")?;
+        let voxels = format!("its {x} x {y} x {z} voxels");
         match (self.limits.bytes, self.limits.edge) {
             (Some(bytes), _) if self.cost.total() > bytes => {
                 let (takes, free) = (bytes_in_words(self.cost.total()), bytes_in_words(bytes));
-                write!(f, "take {takes} of memory, and it may take {free}")?;
+                format!("{voxels} take {takes} of memory, and it may take {free}")
             }
             (_, edge) => {
-                write!(f, "are more than the {} along an axis that the adapter takes", edge.unwrap_or_default())?;
+                format!("{voxels} are more than the {} along an axis that the adapter takes", edge.unwrap_or_default())
             }
         }
+    }
+}
+
+impl Display for TooLarge {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let what = self.what();
         let [rx, ry, rz] = self.fitting.reduce;
         // A box of the same shape that fits, from the beginning.
         let share = self.limits.bytes.map_or(1.0, |bytes| bytes as f64 / self.cost.total() as f64).min(1.0).cbrt();
         let longest = self.limits.edge.unwrap_or(usize::MAX);
         let [hx, hy, hz] = self.dims.map(|n| ((n as f64 * share) as usize).clamp(1, longest));
         let path = self.path.display();
-        write!(f, "; reduce it with --reduce {rx}x{ry}x{rz}, or crop it, as in --crop 0:{hx}x0:{hy}x0:{hz} ({path})")
+        write!(
+            f,
+            "{what}; reduce it with --reduce {rx}x{ry}x{rz}, or crop it, as in --crop 0:{hx}x0:{hy}x0:{hz} ({path})"
+        )
     }
 }
 
@@ -161,7 +173,7 @@ mod tests {
 
     use super::*;
     use crate::spaces::Grid;
-    use crate::volume::Modality;
+    use crate::volume::{Modality, Orientation};
 
     fn entry(dims: [usize; 3], spacing: [f64; 3]) -> Entry {
         let affine = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::from_array(spacing)));
@@ -170,6 +182,7 @@ mod tests {
             title: String::new(),
             format: String::new(),
             modality: Modality::Unknown,
+            orientation: Orientation::Stated,
             grid: Grid::new(dims, affine).unwrap(),
             type_name: "int16",
             bytes_per_voxel: 2,

@@ -162,12 +162,14 @@ impl Contents {
             1 => "1 mask".to_owned(),
             n => format!("{n} masks"),
         };
+        let most = self.most_common()?;
         Some(Entry {
             key: MASKS_KEY.to_owned(),
             title,
             format: "folder of masks".to_owned(),
             modality: Modality::Unknown,
-            grid: self.common_grid()?,
+            grid: most.grid,
+            orientation: most.orientation.clone(),
             type_name: "uint16",
             bytes_per_voxel: 2,
             num_frames: 1,
@@ -177,20 +179,19 @@ impl Contents {
         })
     }
 
-    /// The grid that most masks have.
-    fn common_grid(&self) -> Option<Grid> {
-        let mut grids: Vec<(Grid, usize)> = Vec::new();
+    /// The first of the masks on the grid that most have.
+    fn most_common(&self) -> Option<&Entry> {
+        let mut kinds: Vec<(&Entry, usize)> = Vec::new();
         for mask in &self.masks {
-            let grid = mask.entry.grid;
-            match grids.iter().position(|(known, _)| same_grid(known, &grid)) {
-                Some(i) => grids[i].1 += 1,
+            match kinds.iter().position(|(known, _)| same_grid(&known.grid, &mask.entry.grid)) {
+                Some(i) => kinds[i].1 += 1,
                 // Where all differ, no comparison of all with all.
-                None if grids.len() < 16 => grids.push((grid, 1)),
+                None if kinds.len() < 16 => kinds.push((&mask.entry, 1)),
                 None => {}
             }
         }
-        let most = grids.iter().map(|(_, count)| *count).max()?;
-        grids.into_iter().find(|(_, count)| *count == most).map(|(grid, _)| grid)
+        let most = kinds.iter().map(|(_, count)| *count).max()?;
+        kinds.into_iter().find(|(_, count)| *count == most).map(|(entry, _)| entry)
     }
 
     /// What the entry is that was chosen.
@@ -212,7 +213,8 @@ impl Contents {
             // A structure that is silently missing is worse than none.
             return Err(Error::file(path, what.clone(), "copy it again, or remove it from its folder"));
         }
-        let grid = self.common_grid().ok_or_else(|| fault("the folder has no masks".to_owned()))?;
+        let grid =
+            self.most_common().map(|entry| entry.grid).ok_or_else(|| fault("the folder has no masks".to_owned()))?;
         progress.begin("reading", self.masks.len() as u64);
         let mut builder = LayerBuilder::new(grid).map_err(fault)?;
         let (mut notes, mut resampled) = (Vec::new(), Vec::new());

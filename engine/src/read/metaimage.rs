@@ -14,9 +14,9 @@ use super::parts::{self, Part, Parts};
 use super::stream::{self, ByteSource, ElementType, Endian, Pick, PickedBytes, VoxelRequest};
 use super::window::Averaging;
 use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, volume_of};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, remedies};
 use crate::progress::Progress;
-use crate::volume::{Modality, Rescale, Volume};
+use crate::volume::{Modality, Orientation, Rescale, Volume};
 
 /// A header longer than this is none; lists of files are the longest.
 const MAX_HEADER_BYTES: usize = 4 << 20;
@@ -94,7 +94,7 @@ impl Opened {
         let dims: [u64; 3] = std::array::from_fn(|i| sizes.get(i).copied().unwrap_or(1));
         let all: Vec<u64> = sizes.iter().copied().chain([num_channels]).collect();
         let size = stream::size_bytes(&all, element).ok_or_else(|| absurd_size(path, &all))?;
-        let world_from_index = header.world_from_index(path, dims, sizes.len(), &mut warnings)?;
+        let (world_from_index, orientation) = header.world_from_index(path, dims, sizes.len(), &mut warnings)?;
         let (source, num_files) = header.source(path, &sizes, size, element, progress)?;
         let num_frames = sizes.iter().skip(3).product::<u64>() * if is_color { 1 } else { num_channels };
         let entry = Entry {
@@ -103,6 +103,7 @@ impl Opened {
             format: if header.is_local() { "MetaImage" } else { "MetaImage, detached header" }.to_owned(),
             modality: header.modality(),
             grid: grid_of(path, dims, world_from_index)?,
+            orientation,
             type_name: match (is_color, num_channels) {
                 (true, 3) => "rgb",
                 (true, _) => "rgba",
@@ -220,7 +221,7 @@ impl Header {
             return Err(Error::file(
                 path,
                 "this is no MetaImage file: its header has no NDims",
-                "check what the file is; if it holds plain voxels, describe them with --raw",
+                remedies::DESCRIBE_VOXELS,
             ));
         }
         if header.get("elementdatafile").is_none() {
@@ -353,22 +354,14 @@ impl Header {
         dims: [u64; 3],
         num_dims: usize,
         warnings: &mut Vec<String>,
-    ) -> Result<DAffine3> {
+    ) -> Result<(DAffine3, Orientation)> {
         let spacing = self.spacing(path, num_dims, warnings)?;
         let mm = self.mm_per_unit(warnings);
         let place = ["offset", "position", "origin"];
         let offset = self.numbers(path, &place, num_dims)?;
         let directions = ["transformmatrix", "rotation", "orientation"];
         let matrix = self.numbers(path, &directions, num_dims * num_dims)?;
-        if matrix.is_none() {
-            self.warn_of_letters(warnings);
-        }
-        if offset.is_none() && matrix.is_none() {
-            warnings.push(
-                "The header does not place the volume in a patient: LPS is assumed, so left and right may be swapped."
-                    .to_owned(),
-            );
-        }
+        let orientation = self.orientation(num_dims, matrix.as_deref());
         let spatial = num_dims.min(3);
         let mut columns = [DVec3::X, DVec3::Y, DVec3::Z];
         if let Some(matrix) = &matrix {
@@ -390,18 +383,34 @@ impl Header {
         });
         let ras_from_lps = DMat3::from_diagonal(DVec3::new(-mm, -mm, mm));
         let matrix = DMat3::from_cols(columns[0], columns[1], columns[2]) * DMat3::from_diagonal(spacing);
-        Ok(DAffine3 { matrix3: ras_from_lps * matrix, translation: ras_from_lps * offset })
+        let world = DAffine3 { matrix3: ras_from_lps * matrix, translation: ras_from_lps * offset };
+        Ok((world, orientation))
     }
 
-    /// Letters without a matrix: MetaIO's documentation reads them one way, ITK's files the other.
-    fn warn_of_letters(&self, warnings: &mut Vec<String>) {
+    /// Whether the header says how the axes lie in the body. Letters without a matrix: MetaIO's documentation reads them one
+    /// way, ITK's files the other; for RAI and LPS both mean LPS, as that is what writers of either mean by them. `?` is how
+    /// MetaIO writes that it does not know, beside a matrix that nobody set.
+    fn orientation(&self, num_dims: usize, matrix: Option<&[f64]>) -> Orientation {
         let letters = self.get("anatomicalorientation").unwrap_or_default().to_uppercase();
-        let says_nothing = letters.is_empty() || letters.contains('?') || letters == "RAI" || letters == "LPS";
-        if !says_nothing {
-            warnings.push(format!(
-                "The header names the orientation {letters} without a TransformMatrix, which programs read in opposite ways;                  LPS is assumed, so left and right may be swapped."
-            ));
+        let says_nothing = letters.is_empty() || letters.contains('?');
+        let is_identity =
+            |m: &[f64]| m.iter().enumerate().all(|(i, v)| *v == f64::from(u8::from(i % (num_dims + 1) == 0)));
+        let is_stated = match matrix {
+            Some(matrix) => !(letters.contains('?') && is_identity(matrix)),
+            None => letters == "RAI" || letters == "LPS",
+        };
+        if is_stated && num_dims > 2 {
+            return Orientation::Stated;
         }
+        Orientation::Assumed(if says_nothing || num_dims < 3 {
+            "The header does not place the volume in a patient: LPS is assumed, so left and right may be swapped."
+                .to_owned()
+        } else {
+            format!(
+                "The header names the orientation {letters} without a TransformMatrix, which programs read in opposite ways; \
+                 LPS is assumed, so left and right may be swapped."
+            )
+        })
     }
 
     fn spacing(&self, path: &Path, num_dims: usize, warnings: &mut Vec<String>) -> Result<DVec3> {

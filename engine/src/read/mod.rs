@@ -27,12 +27,12 @@ use std::path::Path;
 
 use glam::DAffine3;
 
-use crate::error::{Error, Result, printable};
+use crate::error::{Error, Result, printable, remedies};
 use crate::progress::Progress;
 use crate::spaces::Grid;
 use crate::volume::colors::colors_of;
 use crate::volume::labels::LabelMap;
-use crate::volume::{Modality, Rescale, Volume, Voxels};
+use crate::volume::{Modality, Orientation, Rescale, Volume, Voxels};
 
 use limits::Limits;
 use stream::ByteSource;
@@ -48,12 +48,35 @@ pub struct ReadOptions {
     /// Which volume of a folder or file with several: an [`Entry::key`], a part of an [`Entry::title`] that only one has, or
     /// its number in the survey, from 1.
     pub series: Option<String>,
-    /// Its numbers are names of structures: what is read are their colors ([`Volume::from_labels`]).
-    pub labels_as_colors: bool,
+    /// What its numbers are taken for.
+    pub numbers: Numbers,
     /// Which part of it, and how finely.
     pub window: Window,
     /// What it may take.
     pub limits: Limits,
+}
+
+/// What the numbers of a volume are taken for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Numbers {
+    /// Values, even where the file says that they are names of structures.
+    #[default]
+    Values,
+    /// Names of structures: what is read are their colors, and the label map itself ([`Volume::labels`]).
+    Structures,
+    /// Names of structures where the file says so, else values.
+    AsStated,
+}
+
+impl Numbers {
+    /// Whether those of a volume are names of structures.
+    pub fn are_structures(self, entry: &Entry) -> bool {
+        match self {
+            Self::Values => false,
+            Self::Structures => true,
+            Self::AsStated => entry.is_labels,
+        }
+    }
 }
 
 /// A volume that a file or folder offers, as far as headers tell.
@@ -70,6 +93,8 @@ pub struct Entry {
     pub modality: Modality,
     /// Size and place in the world, of the whole.
     pub grid: Grid,
+    /// Whether the letters of its axes are the file's or assumed.
+    pub orientation: Orientation,
     /// The element type as NumPy spells it, "rgb" or "rgba" for colors.
     pub type_name: &'static str,
     /// Bytes of one voxel in memory.
@@ -170,11 +195,11 @@ pub fn read_volume(path: &Path, options: &ReadOptions, progress: &Progress) -> R
     progress.check()?;
     let reader = reader_for(path, options)?;
     let entries = reader.survey(path, options, progress)?;
-    let (entry, note) = choose(path, &entries, options.series.as_deref(), options.labels_as_colors)?;
+    let (entry, note) = choose(path, &entries, options.series.as_deref(), options.numbers == Numbers::Structures)?;
     options.limits.check(path, entry, options)?;
     let series = (entries.len() > 1).then(|| entry.key.clone());
     let options = &ReadOptions { series, ..options.clone() };
-    let mut volume = if options.labels_as_colors {
+    let mut volume = if options.numbers.are_structures(entry) {
         colors_of_labels(path, entry, reader.read_labels(path, options, progress)?)?
     } else {
         reader.read(path, options, progress)?
@@ -219,7 +244,7 @@ pub fn choose<'a>(
         let numbered = number.checked_sub(1).and_then(|i| entries.get(i));
         return numbered.map(|entry| (entry, None)).ok_or_else(|| {
             let what = format!("there is no series {number}: it holds {}", entries.len());
-            Error::file(path, what, "list them with `fabrica inspect`")
+            Error::file(path, what, remedies::LIST_SERIES)
         });
     }
     let lower = wanted.to_lowercase();
@@ -230,12 +255,12 @@ pub fn choose<'a>(
             let wanted: String = wanted.chars().take(60).collect();
             let (a, b) = (first.in_words(), second.in_words());
             let what = format!("\"{wanted}\" is a part of the names of several series: {a}; {b}");
-            Err(Error::file(path, what, "give more of the name, or its number in the list of `fabrica inspect`"))
+            Err(Error::file(path, what, remedies::NAME_SERIES))
         }
         (None, _) => {
             let wanted: String = wanted.chars().take(60).collect();
             let what = format!("there is no series \"{wanted}\" among its {}", entries.len());
-            Err(Error::file(path, what, "list them with `fabrica inspect`, and give a number or a part of the name"))
+            Err(Error::file(path, what, remedies::LIST_SERIES))
         }
     }
 }
@@ -243,6 +268,32 @@ pub fn choose<'a>(
 /// The last parts of the names of files that can be read, for dialogs; DICOM files have any, or none.
 pub fn extensions() -> Vec<&'static str> {
     READERS.iter().flat_map(|reader| reader.extensions()).copied().chain(["gz"]).collect()
+}
+
+/// A volume of numbers that was read, which are names of structures: in their colors, with its label map.
+///
+/// # Errors
+/// [`Error::File`] if a number is no integer or there are too many, [`Error::TooLarge`] if their colors take more than they may.
+pub fn in_structures_colors(volume: &Volume, limits: &Limits) -> Result<Volume> {
+    let path = volume.source.as_deref().unwrap_or(Path::new(""));
+    let entry = Entry {
+        key: String::new(),
+        title: volume.description.clone(),
+        format: volume.format.clone(),
+        modality: volume.modality,
+        grid: volume.grid,
+        orientation: volume.orientation.clone(),
+        type_name: volume.voxels.type_name(),
+        bytes_per_voxel: volume.voxels.bytes_per_voxel(),
+        num_frames: volume.num_frames,
+        num_files: 1,
+        is_labels: true,
+        is_localizer: false,
+    };
+    limits.check(path, &entry, &ReadOptions { numbers: Numbers::Structures, ..ReadOptions::default() })?;
+    let mut colors = colors_of_labels(path, &entry, vec![labels_of(path, volume)?])?;
+    colors.source.clone_from(&volume.source);
+    Ok(colors)
 }
 
 /// Lists the volumes of a file or folder without reading them.
@@ -305,7 +356,7 @@ fn reader_for(path: &Path, options: &ReadOptions) -> Result<&'static dyn VolumeR
         Error::file(
             path,
             format!("this is no volume in a format that Fabrica reads: {}", formats.join(", ")),
-            format!("convert it, or describe plain voxels with {}", raw::EXAMPLE),
+            remedies::CONVERT_OR_DESCRIBE,
         )
     })
 }
@@ -363,7 +414,10 @@ fn described(
 ) -> Result<Volume> {
     let fault = |what| Error::file(path, what, "write the file again");
     let mut volume = window.grid(&entry.grid).and_then(make).map_err(fault)?;
+    // First, as it matters most.
+    warnings.splice(0..0, entry.orientation.assumption().map(str::to_owned));
     warnings.extend(window.note());
+    volume.orientation.clone_from(&entry.orientation);
     volume.num_frames = entry.num_frames;
     volume.modality = entry.modality;
     volume.description.clone_from(&entry.title);
@@ -382,9 +436,12 @@ fn numbers_as_labels<R: VolumeReader + ?Sized>(
     let Window { crop, reduce } = options.window;
     let exact = ReadOptions { window: Window { crop, ..Window::default() }, ..options.clone() };
     let volume = reader.read(path, &exact, progress)?;
+    Ok(vec![window_labels(path, labels_of(path, &volume)?, Window { crop: None, reduce })?])
+}
+
+fn labels_of(path: &Path, volume: &Volume) -> Result<LabelMap> {
     let remedy = "open it as a volume, or save it with an integer type";
-    let labels = LabelMap::from_volume(&volume).map_err(|what| Error::file(path, what, remedy))?;
-    Ok(vec![window_labels(path, labels, Window { crop: None, reduce })?])
+    LabelMap::from_volume(volume).map_err(|what| Error::file(path, what, remedy))
 }
 
 /// The part of a label map that `window` keeps: of voxels that become one, the label nearest to their middle.
@@ -401,29 +458,35 @@ fn window_labels(path: &Path, labels: LabelMap, window: Window) -> Result<LabelM
 }
 
 /// The structures of all layers in their colors; where several overlap, that of the first layer.
-fn colors_of_labels(path: &Path, entry: &Entry, layers: Vec<LabelMap>) -> Result<Volume> {
+fn colors_of_labels(path: &Path, entry: &Entry, mut layers: Vec<LabelMap>) -> Result<Volume> {
     let fault = |what| Error::file(path, what, "open it as a volume of numbers");
     let num_layers = layers.len();
     let Some(grid) = layers.first().map(|layer| layer.grid) else {
         return Err(fault("it has no structures".to_owned()));
     };
     let (mut colors, mut warnings) = (Vec::new(), Vec::new());
-    for layer in layers {
-        let below = colors_of(&layer).map_err(fault)?;
+    for layer in &mut layers {
+        let below = colors_of(layer).map_err(fault)?;
         if colors.is_empty() {
             colors = below;
         } else {
             colors.iter_mut().zip(below).filter(|(color, _)| color[3] == 0).for_each(|(color, below)| *color = below);
         }
-        warnings.extend(layer.notes);
+        warnings.append(&mut layer.notes);
     }
     if num_layers > 1 {
         warnings.push(format!("Structures overlap; of {num_layers} layers the first is seen where they do."));
     }
+    // A reader of numbers may have said it in its notes.
+    if let Some(why) = entry.orientation.assumption().filter(|why| !warnings.iter().any(|w| w == why)) {
+        warnings.insert(0, why.to_owned());
+    }
     let mut volume = Volume::from_colors(grid, colors, &entry.format).map_err(fault)?;
+    volume.orientation.clone_from(&entry.orientation);
     volume.num_frames = entry.num_frames;
     volume.description.clone_from(&entry.title);
     volume.warnings = warnings;
+    volume.labels = layers;
     Ok(volume)
 }
 
@@ -536,6 +599,66 @@ mod tests {
     }
 
     #[test]
+    fn what_no_file_says_about_the_body_is_known_to_be_assumed() {
+        let folder = Folder::new();
+        let phantom = Phantom::oriented("RAS");
+        let nifti = NiftiFile::new(1, &phantom, ElementType::U8, Endian::Little);
+        let voxels = encode(&phantom.values, ElementType::U8, Endian::Little);
+        let nrrd = |fields: &str| {
+            let header = format!("NRRD0004\ntype: uint8\ndimension: 3\nsizes: 5 4 3\nencoding: raw\n{fields}\n");
+            [header.as_bytes(), &voxels].concat()
+        };
+        let axes = "space directions: (1,0,0) (0,1,0) (0,0,1)\n";
+        let meta = |fields: &str| {
+            let header =
+                format!("NDims = 3\nDimSize = 5 4 3\nElementType = MET_UCHAR\n{fields}ElementDataFile = LOCAL\n");
+            [header.as_bytes(), &voxels].concat()
+        };
+        let identity = "TransformMatrix = 1 0 0 0 1 0 0 0 1\n";
+        let npy = |text: &str| {
+            [b"\x93NUMPY\x01\0", &(text.len() as u16).to_le_bytes()[..], text.as_bytes(), &voxels].concat()
+        };
+        let layout = "5x4x3xuint8".parse::<raw::RawLayout>().unwrap();
+        for (name, bytes, is_known) in [
+            ("sform.nii", nifti.bytes(), true),
+            ("qform.nii", nifti.clone().with_qform(phantom.world_from_index).bytes(), true),
+            ("neither.nii", NiftiFile { sform_code: 0, ..nifti }.bytes(), false),
+            ("both.nrrd", nrrd(&format!("space: LPS\n{axes}")), true),
+            ("no space.nrrd", nrrd(axes), false),
+            ("no axes.nrrd", nrrd("space: LPS\nspacings: 1 1 1\n"), false),
+            ("scanner.nrrd", nrrd(&format!("space: scanner-xyz\n{axes}")), false),
+            ("matrix.mha", meta(identity), true),
+            ("letters.mha", meta("AnatomicalOrientation = RAI\n"), true),
+            ("other letters.mha", meta("AnatomicalOrientation = LAS\n"), false),
+            ("unknown.mha", meta(&format!("{identity}AnatomicalOrientation = ???\n")), false),
+            ("turned.mha", meta("TransformMatrix = 0 1 0 1 0 0 0 0 1\nAnatomicalOrientation = ???\n"), true),
+            ("place only.mha", meta("Offset = 1 2 3\n"), false),
+            ("array.npy", npy("{'descr': '|u1', 'fortran_order': False, 'shape': (3, 4, 5), }\n"), false),
+            ("plain.raw", voxels.clone(), false),
+        ] {
+            let path = folder.write(name, &bytes);
+            let raw = name.ends_with("raw").then(|| layout.clone());
+            let window = Window { crop: Some([[1, 5], [0, 4], [1, 3]]), reduce: [2, 1, 1] };
+            for window in [Window::default(), window] {
+                let options = ReadOptions { raw: raw.clone(), window, ..ReadOptions::default() };
+                let entry = survey(&path, &options, &Progress::new()).unwrap().remove(0);
+                let volume = read_volume(&path, &options, &Progress::new()).unwrap();
+                assert_eq!(volume.orientation.is_known(), is_known, "{name}: {:?}", volume.orientation);
+                assert_eq!(entry.orientation, volume.orientation, "{name}");
+                // Whoever reads the warnings learns it too, once.
+                let said = volume.warnings.iter().filter(|w| Some(w.as_str()) == volume.orientation.assumption());
+                assert_eq!(said.count(), usize::from(!is_known), "{name}: {:?}", volume.warnings);
+                let colors =
+                    read_volume(&path, &ReadOptions { numbers: Numbers::Structures, ..options }, &Progress::new())
+                        .unwrap();
+                assert_eq!(colors.orientation, volume.orientation, "{name}");
+                let said = colors.warnings.iter().filter(|w| Some(w.as_str()) == volume.orientation.assumption());
+                assert_eq!(said.count(), usize::from(!is_known), "{name}: {:?}", colors.warnings);
+            }
+        }
+    }
+
+    #[test]
     fn integer_volumes_are_label_maps_and_others_are_not() {
         let folder = Folder::new();
         let phantom =
@@ -562,6 +685,7 @@ mod tests {
             format: "DICOM".to_owned(),
             modality: Modality::Ct,
             grid: Grid::new([8, 8, slices], DAffine3::IDENTITY).unwrap(),
+            orientation: Orientation::Stated,
             type_name: "int16",
             bytes_per_voxel: 2,
             num_frames: 1,

@@ -15,11 +15,11 @@ use super::window::Averaging;
 use super::{
     Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, numbers_as_labels, volume_of,
 };
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, remedies};
 use crate::progress::Progress;
 use crate::spaces::Grid;
 use crate::volume::labels::{LabelMap, LabelTable};
-use crate::volume::{Modality, Rescale, Volume};
+use crate::volume::{Modality, Orientation, Rescale, Volume};
 
 /// Reads NIfTI-1, NIfTI-2 and NIfTI pairs.
 pub struct NiftiReader;
@@ -125,7 +125,7 @@ impl Opened {
         if let Content::Complex(_) = content {
             warnings.push("The voxels are complex numbers, of which the magnitude is shown.".to_owned());
         }
-        let world_from_index = header.world_from_index(path, shape.dims, &mut warnings)?;
+        let (world_from_index, orientation) = header.world_from_index(path, shape.dims, &mut warnings)?;
         let rescale = match (content, header.rescale(&mut warnings)) {
             (Content::Number(_), rescale) => rescale,
             // Both parts of a number times the slope; a sum with an intercept has no meaning.
@@ -146,6 +146,7 @@ impl Opened {
             format: header.format().to_owned(),
             modality: Modality::Unknown,
             grid: grid_of(path, shape.dims, world_from_index)?,
+            orientation,
             type_name: match content {
                 Content::Color(3) => "rgb",
                 Content::Color(_) => "rgba",
@@ -361,7 +362,7 @@ impl Header {
                 Error::file(
                     path,
                     "this is no NIfTI file: neither a NIfTI-1 nor a NIfTI-2 header begins it",
-                    "check what the file is; if it holds plain voxels, describe them with --raw",
+                    remedies::DESCRIBE_VOXELS,
                 )
             });
         };
@@ -546,7 +547,12 @@ impl Header {
         }
     }
 
-    fn world_from_index(&self, path: &Path, dims: [u64; 3], warnings: &mut Vec<String>) -> Result<DAffine3> {
+    fn world_from_index(
+        &self,
+        path: &Path,
+        dims: [u64; 3],
+        warnings: &mut Vec<String>,
+    ) -> Result<(DAffine3, Orientation)> {
         if let Some(analyze) = &self.analyze {
             return self.analyze_world(path, analyze, dims, warnings);
         }
@@ -563,7 +569,7 @@ impl Header {
                          the sform is used."
                     ));
                 }
-                return Ok(sform);
+                return Ok((sform, Orientation::Stated));
             }
             if qform.is_none() {
                 return Err(Error::file(
@@ -576,7 +582,7 @@ impl Header {
         }
         let spacing = self.spacing(path, warnings)?;
         if let Some(qform) = qform {
-            return qform.map(scaled).ok_or_else(|| {
+            return qform.map(|q| (scaled(q), Orientation::Stated)).ok_or_else(|| {
                 Error::file(
                     path,
                     "the qform of the header is not finite",
@@ -585,12 +591,11 @@ impl Header {
             });
         }
         // Programs agree on x to the left here, the storage order of Analyze (SPM, FSL, nibabel), but not on more.
-        warnings.push(
-            "The header has neither sform nor qform: x is taken as left, and left and right may be swapped.".to_owned(),
-        );
+        let assumed = "The header has neither sform nor qform: x is taken as left, and left and right may be swapped.";
         let steps = DVec3::new(-spacing.x, spacing.y, spacing.z);
         let center = DVec3::from_array(dims.map(|n| (n - 1) as f64 / 2.0)) * steps;
-        Ok(scaled(DAffine3 { matrix3: DMat3::from_diagonal(steps), translation: -center }))
+        let world = scaled(DAffine3 { matrix3: DMat3::from_diagonal(steps), translation: -center });
+        Ok((world, Orientation::Assumed(assumed.to_owned())))
     }
 
     fn analyze_world(
@@ -599,12 +604,9 @@ impl Header {
         analyze: &Analyze,
         dims: [u64; 3],
         warnings: &mut Vec<String>,
-    ) -> Result<DAffine3> {
+    ) -> Result<(DAffine3, Orientation)> {
         let spacing = self.spacing(path, warnings)?;
-        warnings.push(
-            "Analyze 7.5 does not tell left from right: x is taken as left, as SPM does, so left and right may be swapped."
-                .to_owned(),
-        );
+        let assumed = "Analyze 7.5 does not tell left from right: x is taken as left, as SPM does, so left and right may be swapped.";
         if analyze.orient != 0 {
             let code = analyze.orient;
             warnings
@@ -617,7 +619,8 @@ impl Header {
         } else {
             DVec3::from_array(dims.map(|n| (n - 1) as f64 / 2.0))
         };
-        Ok(DAffine3 { matrix3: DMat3::from_diagonal(steps), translation: -(origin * steps) })
+        let world = DAffine3 { matrix3: DMat3::from_diagonal(steps), translation: -(origin * steps) };
+        Ok((world, Orientation::Assumed(assumed.to_owned())))
     }
 
     fn sform(&self) -> DAffine3 {

@@ -13,7 +13,7 @@ use super::slices::{self, PixelKind};
 use super::stream::{self, ByteSource, ElementType, Endian, Magnitudes, VoxelRequest};
 use super::window::Averaging;
 use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of, volume_of};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, remedies};
 use crate::progress::Progress;
 use crate::volume::{Modality, Rescale, Volume};
 
@@ -79,7 +79,7 @@ impl Opened {
             return Err(Error::file(
                 path,
                 "this is no NumPy file: it does not begin with NumPy's mark",
-                "check what the file is; if it holds plain voxels, describe them with --raw",
+                remedies::DESCRIBE_VOXELS,
             ));
         }
         let [.., major, _, a, b, c, d] = start[..] else { return Err(cut_off()) };
@@ -136,8 +136,7 @@ impl Opened {
             let preamble = if major == 1 { 10 } else { 12 };
             source.check_holds(size.saturating_add(preamble + length))?;
         }
-        let mut warnings =
-            vec!["The file does not give the voxel size; 1 mm is assumed.".to_owned(), slices::NO_PATIENT.to_owned()];
+        let mut warnings = vec!["The file does not give the voxel size; 1 mm is assumed.".to_owned()];
         if is_complex {
             warnings.push("The voxels are complex numbers, of which the magnitude is shown.".to_owned());
         }
@@ -147,6 +146,7 @@ impl Opened {
             format: "NumPy".to_owned(),
             modality: Modality::Unknown,
             grid: grid_of(path, dims, slices::world_without_patient(dims, DVec3::ONE))?,
+            orientation: slices::no_patient(),
             type_name: kind.name(),
             bytes_per_voxel: kind.bytes_per_voxel(),
             num_frames: usize::try_from(num_frames).unwrap_or(usize::MAX),

@@ -18,11 +18,11 @@ use super::{
     Entry, HEAD_BYTES, ReadOptions, VolumeReader, absurd_size, check_frame, color_volume_of, grid_of,
     numbers_as_labels, volume_of, window_labels,
 };
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, remedies};
 use crate::progress::Progress;
 use crate::selection::{BrickPool, Structure};
 use crate::volume::labels::LabelMap;
-use crate::volume::{Modality, Rescale, Volume, Voxels};
+use crate::volume::{Modality, Orientation, Rescale, Volume, Voxels};
 
 /// A header longer than this is none: the longest in the wild are segmentations with hundreds of entries.
 const MAX_HEADER_BYTES: usize = 16 << 20;
@@ -106,7 +106,7 @@ impl Opened {
         let header = Header::read(path)?;
         let mut warnings = Vec::new();
         let axes = header.axes(path, &mut warnings)?;
-        let world_from_index = header.world_from_index(path, &axes, &mut warnings)?;
+        let (world_from_index, orientation) = header.world_from_index(path, &axes, &mut warnings)?;
         let element = header.element_type(path)?;
         let encoding = header.encoding(path)?;
         let endian = header.endian(path, element, encoding, &mut warnings)?;
@@ -134,6 +134,7 @@ impl Opened {
             format: if is_detached { "NRRD, detached header" } else { "NRRD" }.to_owned(),
             modality: Modality::Unknown,
             grid: grid_of(path, axes.dims, world_from_index)?,
+            orientation,
             type_name: match num_channels {
                 Some(3) => "rgb",
                 Some(_) => "rgba",
@@ -284,7 +285,7 @@ impl Header {
             return Err(Error::file(
                 path,
                 "this is no NRRD file: it does not begin with NRRD000",
-                "check what the file is; if it holds plain voxels, describe them with --raw",
+                remedies::DESCRIBE_VOXELS,
             ));
         }
         if end.is_none() && bytes.len() >= MAX_HEADER_BYTES {
@@ -479,8 +480,13 @@ impl Header {
     }
 
     /// The affine to RAS mm.
-    fn world_from_index(&self, path: &Path, axes: &Axes, warnings: &mut Vec<String>) -> Result<DAffine3> {
-        let ras_from_space = self.ras_from_space(path, warnings)?;
+    fn world_from_index(
+        &self,
+        path: &Path,
+        axes: &Axes,
+        warnings: &mut Vec<String>,
+    ) -> Result<(DAffine3, Orientation)> {
+        let (ras_from_space, mut orientation) = self.ras_from_space(path)?;
         let broken = |name: &str, text: &str| fault(path, format!("the {name} `{text}` is not a vector of numbers"));
         let mm = self.mm_per_unit("spaceunits", &[0, 1, 2], warnings);
         let origin = match self.get("spaceorigin") {
@@ -501,39 +507,46 @@ impl Header {
             }
             DMat3::from_diagonal(mm) * DMat3::from_cols(columns[0], columns[1], columns[2])
         } else {
+            if orientation.is_known() {
+                let space = self.get("space").unwrap_or_default();
+                orientation = Orientation::Assumed(format!(
+                    "The header names the space {space}, but not how the axes lie in it: they are taken in its order, so left \
+                     and right may be swapped."
+                ));
+            }
             let units = self.mm_per_unit("units", &axes.spatial, warnings);
             DMat3::from_diagonal(self.spacings(path, axes, warnings)? * units)
         };
-        Ok(DAffine3 { matrix3: ras_from_space * matrix, translation: ras_from_space * (mm * origin) })
+        let world = DAffine3 { matrix3: ras_from_space * matrix, translation: ras_from_space * (mm * origin) };
+        Ok((world, orientation))
     }
 
-    fn ras_from_space(&self, path: &Path, warnings: &mut Vec<String>) -> Result<DMat3> {
+    fn ras_from_space(&self, path: &Path) -> Result<(DMat3, Orientation)> {
         const ASSUMED: &str = "left and right may be swapped";
-        let mirror = |x, y| Ok(DMat3::from_diagonal(DVec3::new(x, y, 1.0)));
+        let mirror = |x, y| DMat3::from_diagonal(DVec3::new(x, y, 1.0));
+        let assumed = Orientation::Assumed;
         let Some(name) = self.get("space") else {
             if self.get("spacedimension").is_some_and(|n| n != "3" && n != "4") {
                 return Err(fault(path, "the space of the volume has not 3 dimensions".to_owned()));
             }
-            warnings.push(format!("The header does not name its space; RAS is assumed, so {ASSUMED}."));
-            return mirror(1.0, 1.0);
+            let why = format!("The header does not name its space; RAS is assumed, so {ASSUMED}.");
+            return Ok((mirror(1.0, 1.0), assumed(why)));
         };
         let lower = name.to_lowercase();
         // A further time axis changes nothing in space.
         let spatial = lower.strip_suffix("-time").unwrap_or(&lower);
         match spatial {
-            "ras" | "rast" | "right-anterior-superior" => mirror(1.0, 1.0),
-            "las" | "last" | "left-anterior-superior" => mirror(-1.0, 1.0),
-            "lps" | "lpst" | "left-posterior-superior" => mirror(-1.0, -1.0),
+            "ras" | "rast" | "right-anterior-superior" => Ok((mirror(1.0, 1.0), Orientation::Stated)),
+            "las" | "last" | "left-anterior-superior" => Ok((mirror(-1.0, 1.0), Orientation::Stated)),
+            "lps" | "lpst" | "left-posterior-superior" => Ok((mirror(-1.0, -1.0), Orientation::Stated)),
             "scanner-xyz" | "3d-right-handed" => {
-                warnings
-                    .push(format!("The space `{name}` does not tell left from right; RAS is assumed, so {ASSUMED}."));
-                mirror(1.0, 1.0)
+                let why = format!("The space `{name}` does not tell left from right; RAS is assumed, so {ASSUMED}.");
+                Ok((mirror(1.0, 1.0), assumed(why)))
             }
             // Of the two handednesses that of the object is known: LAS keeps it, RAS would mirror it.
             "3d-left-handed" => {
-                warnings
-                    .push(format!("The space `{name}` does not tell left from right; LAS is assumed, so {ASSUMED}."));
-                mirror(-1.0, 1.0)
+                let why = format!("The space `{name}` does not tell left from right; LAS is assumed, so {ASSUMED}.");
+                Ok((mirror(-1.0, 1.0), assumed(why)))
             }
             _ => Err(fault(path, format!("the space `{name}` is none of RAS, LAS and LPS"))),
         }

@@ -13,11 +13,11 @@ use super::window::Averaging;
 use super::{Entry, ReadOptions, VolumeReader, absurd_size, check_frame, grid_of, volume_of};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::volume::{Modality, Rescale, Volume};
+use crate::volume::{Modality, Orientation, Rescale, Volume};
 
 /// How the layout is written, for messages.
 pub const EXAMPLE: &str =
-    "--raw 256x256x128xuint16,0.5x0.5x1,big (sizes and type; spacing in mm and byte order may be left out)";
+    "256x256x128xuint16,0.5x0.5x1,big (sizes and type; spacing in mm and byte order may be left out)";
 
 /// How plain voxels lie in a file, x fastest.
 #[derive(Clone, Debug, PartialEq)]
@@ -224,6 +224,11 @@ fn open<'a>(path: &Path, options: &'a ReadOptions) -> Result<(Entry, &'a RawLayo
         format: "raw".to_owned(),
         modality: Modality::Unknown,
         grid: grid_of(path, layout.dims, world_from_index)?,
+        orientation: Orientation::Assumed(
+            "Plain voxels have no patient space: x is taken as right, y as anterior and z as superior, so left and right may be \
+             swapped."
+                .to_owned(),
+        ),
         type_name: layout.element.name(),
         bytes_per_voxel: layout.element.num_bytes(),
         num_frames: 1,
@@ -271,7 +276,7 @@ mod tests {
             "2x3x4x5xu8",
         ] {
             let sentence = wrong.parse::<RawLayout>().unwrap_err().to_string();
-            assert!(sentence.contains("; write it like --raw"), "{wrong}: {sentence}");
+            assert!(sentence.contains("; write it like 256x"), "{wrong}: {sentence}");
         }
     }
 

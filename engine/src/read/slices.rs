@@ -11,11 +11,16 @@ use super::window::Averaging;
 use super::{Entry, ReadOptions, color_volume_of, volume_of};
 use crate::error::Result;
 use crate::progress::Progress;
-use crate::volume::{Rescale, Volume};
+use crate::volume::{Orientation, Rescale, Volume};
 
-/// What a picture file that knows no patient says about its place.
-pub const NO_PATIENT: &str = "The file has no patient space: x is taken as left, y (rows, downwards) as posterior and z as \
-                              superior, as in axial images, so left and right may be swapped.";
+/// What is said of a picture file, which knows no patient.
+pub fn no_patient() -> Orientation {
+    Orientation::Assumed(
+        "The file has no patient space: x is taken as left, y (rows, downwards) as posterior and z as superior, as in axial \
+         images, so left and right may be swapped."
+            .to_owned(),
+    )
+}
 
 /// What the pixels of a slice are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

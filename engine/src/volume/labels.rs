@@ -1,6 +1,7 @@
 //! Label maps: which structure each voxel belongs to, with the structures' names and colors.
 
 mod layers;
+mod place;
 mod resample;
 mod statistics;
 mod table;

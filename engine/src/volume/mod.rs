@@ -13,6 +13,8 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use bricks::MinMaxBricks;
+use glam::DVec3;
+use labels::{Label, LabelMap};
 use no_data::fill_no_data;
 use statistics::Statistics;
 
@@ -115,6 +117,26 @@ impl Voxels {
     }
 }
 
+/// An element type for people ("16-bit unsigned integers"), from the name that [`Voxels::type_name`] and
+/// [`Entry::type_name`](crate::read::Entry::type_name) give it.
+pub fn type_in_words(type_name: &str) -> &str {
+    match type_name {
+        "uint8" => "8-bit unsigned integers",
+        "int8" => "8-bit signed integers",
+        "uint16" => "16-bit unsigned integers",
+        "int16" => "16-bit signed integers",
+        "uint32" => "32-bit unsigned integers",
+        "int32" => "32-bit signed integers",
+        "uint64" => "64-bit unsigned integers",
+        "int64" => "64-bit signed integers",
+        "float32" => "32-bit floating-point numbers",
+        "float64" => "64-bit floating-point numbers",
+        "rgb" => "RGB colors",
+        "rgba" => "RGB colors with alpha",
+        other => other,
+    }
+}
+
 /// data value = stored × slope + intercept (CT: HU). The identity where a file says nothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rescale {
@@ -175,11 +197,37 @@ impl Modality {
     }
 }
 
+/// Where the letters of a volume's axes (R L A P S I) come from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Orientation {
+    /// Its file says how the axes lie in the body, or it was made so.
+    Stated,
+    /// Its file does not: a sentence about why, and what was assumed. Left and right may be swapped.
+    Assumed(String),
+}
+
+impl Orientation {
+    /// Whether the file says it.
+    pub fn is_known(&self) -> bool {
+        *self == Self::Stated
+    }
+
+    /// What was assumed and why, if the file does not say it.
+    pub fn assumption(&self) -> Option<&str> {
+        match self {
+            Self::Stated => None,
+            Self::Assumed(why) => Some(why),
+        }
+    }
+}
+
 /// A scalar volume in the world.
 #[derive(Clone, Debug)]
 pub struct Volume {
     /// Size and place in the world.
     pub grid: Grid,
+    /// Whether the letters of its axes are the file's or assumed; a volume without a file has its maker's.
+    pub orientation: Orientation,
     /// The stored numbers, `grid.num_voxels()` of them, x fastest.
     pub voxels: Voxels,
     /// From stored numbers to data values.
@@ -188,6 +236,8 @@ pub struct Volume {
     pub modality: Modality,
     /// The color of every voxel, sRGB with straight alpha, of a volume of colors; `voxels` are then their linear luminances.
     pub colors: Option<Vec<[u8; 4]>>,
+    /// The layers of the label map whose structures have these colors; none if they are no structures'.
+    pub labels: Vec<LabelMap>,
     /// How the file describes it ("Abdomen 5.0"); may be empty.
     pub description: String,
     /// The file format it came from ("NIfTI-1", "specimen").
@@ -223,10 +273,12 @@ impl Volume {
         }
         Ok(Self {
             grid,
+            orientation: Orientation::Stated,
             voxels,
             rescale,
             modality: Modality::Unknown,
             colors: None,
+            labels: Vec::new(),
             description: String::new(),
             format: format.to_owned(),
             source: None,
@@ -294,8 +346,14 @@ impl Volume {
         self.derived.statistics.get()
     }
 
-    /// Decoded size in bytes: voxels in the stored type, and colors.
+    /// The structures at a place in the world (RAS mm), one a layer, of a volume that shows structures in their colors.
+    pub fn structures_at(&self, position_mm: DVec3) -> Vec<&Label> {
+        self.labels.iter().filter_map(|layer| layer.label_at(position_mm)).collect()
+    }
+
+    /// Decoded size in bytes: voxels in the stored type, colors, and numbers of structures.
     pub fn num_bytes(&self) -> usize {
-        self.voxels.len() * (self.voxels.bytes_per_voxel() + self.colors.as_ref().map_or(0, |_| 4))
+        let colors = self.colors.as_ref().map_or(0, |_| 4);
+        self.voxels.len() * (self.voxels.bytes_per_voxel() + colors + 2 * self.labels.len())
     }
 }

@@ -6,8 +6,8 @@ use std::path::Path;
 
 use anyhow::Result;
 use fabrica_engine::read;
-use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::statistics::Statistics;
+use fabrica_engine::volume::{Volume, type_in_words};
 use fabrica_engine::{Error, Progress};
 use serde::Serialize;
 use structures::Listing;
@@ -65,6 +65,8 @@ struct Report {
     spacing_mm: [f64; 3],
     size_mm: [f64; 3],
     orientation: String,
+    /// Whether the file says it; else it was assumed, and a warning says how.
+    orientation_known: bool,
     obliquity_deg: f64,
     left_handed: bool,
     /// Rows of the 4×4 matrix without its last.
@@ -123,7 +125,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Ok(volume) => volume,
     };
     let mut report = report(&volume, volume.statistics(&progress)?);
-    report.listing = Listing::of(&arguments.labels, &source, &options, &volume, &progress)?;
+    let numbers = arguments.reading.numbers();
+    let (listing, guess) = Listing::of(&arguments.labels, &source, &options, numbers, &volume, &progress)?;
+    report.listing = listing;
+    report.warnings.extend(guess.map(|guess| format!("{guess} {}", reading::AS_SCAN)));
     drop(bar);
     print_line(&if arguments.json { serde_json::to_string_pretty(&report)? } else { in_words(&report) })
 }
@@ -141,6 +146,7 @@ fn report(volume: &Volume, statistics: &Statistics) -> Report {
         spacing_mm: spacing.to_array(),
         size_mm: std::array::from_fn(|i| spacing[i] * grid.dims()[i] as f64),
         orientation: grid.orientation_letters(),
+        orientation_known: volume.orientation.is_known(),
         obliquity_deg: grid.obliquity_deg(),
         left_handed: grid.is_left_handed(),
         world_from_index: [row(0), row(1), row(2)],
@@ -182,23 +188,34 @@ fn in_words(r: &Report) -> String {
     let by = |v: &[f64; 3]| v.map(short).join(" x ");
     let mut lines = vec![
         format!(
-            "{}, {} x {} x {} voxels of {}{}",
+            "{}, {} x {} x {} voxels, {}{}",
             r.format,
             r.dims[0],
             r.dims[1],
             r.dims[2],
-            r.datatype,
+            type_in_words(r.datatype),
             if r.num_frames > 1 { format!(", {} frames", r.num_frames) } else { String::new() }
         ),
         format!("spacing     {} mm; size {} mm", by(&r.spacing_mm), by(&r.size_mm)),
         format!(
-            "orientation {}{}{}",
+            "orientation {}{}{}{}",
             r.orientation,
+            if r.orientation_known { "" } else { " (assumed: the file does not say)" },
             if r.obliquity_deg > 0.05 { format!(", oblique by {:.1} degrees", r.obliquity_deg) } else { String::new() },
             if r.left_handed { ", left-handed grid" } else { "" }
         ),
-        format!("values      {} to {}, mean {}", short(r.min), short(r.max), short(r.mean)),
     ];
+    if !r.listing.is_of_volume {
+        lines.extend(values_in_words(r));
+    }
+    lines.extend(r.warnings.iter().map(|w| format!("warning: {w}")));
+    lines.extend(r.listing.in_words());
+    lines.join("\n")
+}
+
+/// What the values are like; of numbers of structures, nothing of it has a meaning.
+fn values_in_words(r: &Report) -> Vec<String> {
+    let mut lines = vec![format!("values      {} to {}, mean {}", short(r.min), short(r.max), short(r.mean))];
     if (r.rescale_slope, r.rescale_intercept) != (1.0, 0.0) {
         lines.push(format!("rescale     value = stored x {} + {}", r.rescale_slope, r.rescale_intercept));
     }
@@ -214,9 +231,7 @@ fn in_words(r: &Report) -> String {
     }
     lines.push(format!("histogram   {} to {}, height logarithmic", short(r.min), short(r.max)));
     lines.extend(histogram(&r.histogram));
-    lines.extend(r.warnings.iter().map(|w| format!("warning: {w}")));
-    lines.extend(r.listing.in_words());
-    lines.join("\n")
+    lines
 }
 
 /// Bars of 64 columns and 6 rows of eighth blocks.

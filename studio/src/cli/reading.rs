@@ -1,10 +1,10 @@
 //! How a volume is read, as options say it: which of several, which frame, which part, and how finely.
 
 use anyhow::Result;
-use fabrica_engine::read::ReadOptions;
 use fabrica_engine::read::limits::Limits;
 use fabrica_engine::read::raw::RawLayout;
 use fabrica_engine::read::window::Window;
+use fabrica_engine::read::{Numbers, ReadOptions};
 
 /// The options of a command that reads one volume.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -26,13 +26,37 @@ pub struct Arguments {
     /// So many voxels become one: a number for all axes, or three, as in 2x2x1.
     #[arg(long, value_name = "N", value_parser = parse_reduce)]
     reduce: Option<[usize; 3]>,
+    /// What its numbers are: values of a scan, or names of structures (labels). Without it, what the file says and its values
+    /// look like.
+    #[arg(long = "as", value_name = "WHAT", value_enum)]
+    taken_for: Option<TakenFor>,
     /// The most memory that it may take here and on the adapter, in GB; what is free unless it is given.
     #[arg(long, value_name = "GB", value_parser = parse_gigabytes)]
     memory: Option<u64>,
 }
 
+/// How a guess is overruled.
+pub const AS_SCAN: &str = "If it is a scan, add --as scan.";
+
+/// What numbers are, on a command line.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+enum TakenFor {
+    /// Values of a scan.
+    Scan,
+    /// Names of structures.
+    Labels,
+}
+
 impl Arguments {
-    /// How to read.
+    /// What the numbers are taken for, if it is said.
+    pub fn numbers(&self) -> Option<Numbers> {
+        Some(match self.taken_for? {
+            TakenFor::Scan => Numbers::Values,
+            TakenFor::Labels => Numbers::Structures,
+        })
+    }
+
+    /// How to read, as numbers.
     pub fn options(&self) -> ReadOptions {
         ReadOptions {
             frame: self.frame,

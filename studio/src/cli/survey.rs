@@ -4,6 +4,7 @@ use anyhow::Result;
 use fabrica_engine::read::Entry;
 use fabrica_engine::read::limits::bytes_in_words;
 use fabrica_engine::read::window::Window;
+use fabrica_engine::volume::type_in_words;
 use serde::Serialize;
 
 use super::print_line;
@@ -47,7 +48,7 @@ pub fn print(entries: &[Entry], window: Window, json: bool) -> Result<()> {
             row.number,
             entry.in_words(),
             row.format,
-            row.datatype,
+            type_in_words(row.datatype),
             bytes_in_words(row.bytes),
             bytes_in_words(row.adapter_bytes)
         ))?;

@@ -33,10 +33,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let _bar = Bar::watch(&progress);
 
     let slot = VolumeSlot::new(first_look::SLOT, String::new()).reading(arguments.volume.clone(), &options);
-    let (mut figure, volume) = first_look::open(slot, options.limits, &progress)?;
+    let first_look::Opened { mut figure, volume, guess } =
+        first_look::open(slot, arguments.reading.numbers(), options.limits, &progress)?;
     for warning in &volume.warnings {
         say!("warning: {warning}");
     }
+    guess.iter().for_each(|guess| say!("warning: {guess} {}", reading::AS_SCAN));
     if let VolumeSource::Path(_) = &source {
         // The first look may name the folder of a slice.
         let slot = &mut figure.volumes[0];

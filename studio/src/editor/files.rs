@@ -11,11 +11,13 @@ use fabrica_engine::read::limits::Limits;
 use fabrica_engine::volume::Volume;
 use fabrica_engine::{Error, Progress};
 
+use super::ui_command::UiCommand;
 use super::volume_choice::VolumeChoice;
+use super::wording;
 use crate::figure::first_look;
 use crate::figure::source::VolumeSource;
 use crate::figure::sources::{Selections, Sources};
-use crate::figure::template::{SelectionSlot, VolumeSlot};
+use crate::figure::template::{ObjectTemplate, SelectionSlot, VolumeSlot};
 use crate::figure::{Template, sources};
 
 /// Work on a thread of its own.
@@ -119,7 +121,7 @@ pub fn load_figure(figure: Template, path: Option<&Path>, limits: Limits, progre
             // The figure opens without them: nothing of it is lost.
             Err(error) => {
                 loaded.asked = VolumeChoice::after(&error, slot, Some(i), limits);
-                loaded.notes = vec![format!("{error:#}")];
+                loaded.notes = vec![wording::sentence(&error)];
                 return Ok(Opened::Figure(Box::new(loaded)));
             }
         }
@@ -195,10 +197,34 @@ pub fn load_selections(
 ) -> Result<Arc<Selections>> {
     match sources::load_selections(slot, folder, volume, progress) {
         Err(error) if !is_cancelled(&error) => {
-            Ok(Arc::new(Selections { structures: Vec::new(), notes: vec![format!("{error:#}.")] }))
+            Ok(Arc::new(Selections { structures: Vec::new(), notes: vec![wording::sentence(&error) + "."] }))
         }
         read => read,
     }
+}
+
+/// A volume for a slot of a figure that is open.
+pub struct Filled {
+    /// The volume.
+    pub volume: Arc<Volume>,
+    /// What it is dressed in now, where its numbers mean something else than before.
+    pub look: Option<ObjectTemplate>,
+}
+
+/// Reads the volume of a slot as [`load_slot`] does; `has_new_look`: and dresses it anew.
+///
+/// # Errors
+/// One sentence from the reader.
+pub fn fill_slot(
+    slot: &VolumeSlot,
+    folder: &Path,
+    has_new_look: bool,
+    limits: Limits,
+    progress: &Progress,
+) -> Result<Filled> {
+    let volume = load_slot(slot, folder, limits, progress)?;
+    let look = has_new_look.then(|| first_look::look(&volume, slot, progress)).transpose()?;
+    Ok(Filled { volume, look })
 }
 
 /// Reads the volume of a slot and gives it a first look, or asks how it shall be read.
@@ -206,13 +232,20 @@ pub fn load_selections(
 /// # Errors
 /// One sentence from the reader.
 pub fn undressed(slot: VolumeSlot, limits: Limits, progress: &Progress) -> Result<Opened> {
-    let (figure, volume) = match first_look::open(slot.clone(), limits, progress) {
+    let first_look::Opened { figure, mut volume, guess } = match first_look::open(slot.clone(), None, limits, progress)
+    {
         Ok(opened) => opened,
         Err(error) => {
             let asked = VolumeChoice::after(&error, &slot, None, limits).ok_or(error)?;
             return Ok(Opened::Asked(Box::new(asked)));
         }
     };
+    if let Some(guess) = guess {
+        let command = UiCommand::ReadOtherwise;
+        let otherwise = format!("{guess} If it is a scan: {}, \"{}\".", command.menu(), command.text());
+        // First, as it explains the picture. Nobody else has the volume yet.
+        Arc::make_mut(&mut volume).warnings.insert(0, otherwise);
+    }
     counted(&volume, progress)?;
     let notes = volume.warnings.clone();
     Ok(Opened::Figure(Box::new(Loaded { figure, path: None, sources: Sources::of(vec![volume]), notes, asked: None })))
@@ -231,8 +264,19 @@ pub fn ask(
 ) -> Result<VolumeChoice> {
     match VolumeSource::parse(&slot.file, folder)? {
         VolumeSource::Path(path) => {
-            let entries = read::survey(&path, &slot.options()?, progress)?;
-            Ok(VolumeChoice::new(&path, slot, Some(place), entries, limits))
+            match read::survey(&path, &slot.options()?, progress) {
+                Ok(entries) => Ok(VolumeChoice::new(&path, slot, Some(place), entries, limits)),
+                Err(Error::Cancelled) => Err(Error::Cancelled.into()),
+                // Another layout may help, or a first one.
+                Err(error) if slot.raw.is_some() => {
+                    let choice = VolumeChoice::new(&path, slot, Some(place), Vec::new(), limits);
+                    Ok(choice.refused(wording::sentence(&error.into())))
+                }
+                Err(error) => {
+                    let error = error.into();
+                    VolumeChoice::after(&error, slot, Some(place), limits).ok_or(error)
+                }
+            }
         }
         VolumeSource::Specimen(_) => bail!("a specimen has one size and no parts; choose another with \"Open\""),
     }

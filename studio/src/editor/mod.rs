@@ -18,6 +18,7 @@ pub mod ui_command;
 pub mod view;
 pub mod viewport;
 pub mod volume_choice;
+pub mod wording;
 
 use anyhow::{Result, anyhow};
 use eframe::egui::{Vec2, ViewportBuilder};

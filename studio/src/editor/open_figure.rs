@@ -10,6 +10,7 @@ use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 
 use super::panels::regions::Chosen;
+use super::wording;
 use crate::figure::sources::{Selections, Sources};
 use crate::figure::template::{ObjectTemplate, SelectionSlot, VolumeSlot};
 use crate::figure::{Command, Document, Template, bridge};
@@ -73,6 +74,12 @@ impl OpenFigure {
     /// The first slot whose volume was not read.
     pub fn missing(&self) -> Option<usize> {
         self.document.figure().volumes.iter().position(|slot| self.volume_of(slot).is_none())
+    }
+
+    /// Why the letters R, L, A, P, S, I of what is seen may be wrong: a volume's file does not say how it lies.
+    pub fn assumed_orientation(&self) -> Option<&str> {
+        let slots = &self.document.figure().volumes;
+        slots.iter().filter_map(|slot| self.volume_of(slot)).find_map(|volume| volume.orientation.assumption())
     }
 
     /// The volume of a slot, if it was read.
@@ -175,7 +182,7 @@ impl OpenFigure {
     /// Makes an edit: a step of its own, or a part of the gesture under way.
     pub fn edit(&mut self, command: Command) {
         if let Err(error) = self.document.apply(command) {
-            self.fault = Some(format!("{error:#}"));
+            self.fault = Some(wording::sentence(&error));
         }
         let num_nodes = self.chosen().map_or(0, |o| o.transfer_function.nodes.len());
         self.node = self.node.filter(|n| *n < num_nodes);

@@ -20,6 +20,7 @@ use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::{color, estimate};
 
 use super::files::is_cancelled;
+use super::wording;
 use crate::figure::sources::Sources;
 use crate::figure::{Template, bridge};
 
@@ -284,7 +285,7 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, styles: &StyleLi
         match outcome {
             Ok(()) => {}
             Err(error) if is_cancelled(&error) => tell(Update::Stopped { number }),
-            Err(error) => tell(Update::Failed { number, message: format!("{error:#}") }),
+            Err(error) => tell(Update::Failed { number, message: wording::sentence(&error) }),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The picture and the hand on it: the figure's frame, gestures that move the view, the orientation cube, and the answer to
 //! "what is this?".
 
+use std::fmt::Display;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -9,7 +10,10 @@ use eframe::egui::{
     self, Align2, Area, Color32, ColorImage, Context, CursorIcon, EventFilter, FontId, Id, Key, Modifiers, Order,
     PointerButton, Pos2, Rect, Response, Role, Sense, Stroke, TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo,
 };
+use fabrica_engine::error::printable;
 use fabrica_engine::pick::{Pick, pick};
+use fabrica_engine::volume::Volume;
+use fabrica_engine::volume::labels::Label;
 use glam::{DVec2, DVec3};
 
 use super::gallery::{DraggedStyle, Gallery};
@@ -229,7 +233,8 @@ impl Viewport {
         let page = open.document.figure().figure.clone();
         let frame = frame_in(area.shrink(MARGIN), (page.width_mm / page.height_mm) as f32, scale);
         let figure = open.document.figure().clone();
-        response.widget_info(|| WidgetInfo::labeled(Role::Canvas, true, describe(&figure)));
+        let assumption = open.assumed_orientation().map(str::to_owned);
+        response.widget_info(|| WidgetInfo::labeled(Role::Canvas, true, describe(&figure, assumption.is_some())));
 
         self.drag(ui, &response, open, frame);
         self.keys(ui, &response, open);
@@ -245,8 +250,9 @@ impl Viewport {
             let tint = if open.missing().is_none() { Color32::WHITE } else { Color32::from_gray(110) };
             painter.image(texture.id(), frame, whole, tint);
         }
-        paint_surroundings(&painter, frame, &open.document.figure().camera, &page, ui.ctx());
-        cube(ui, open, Pos2::new(area.left() + 3.2 * CUBE, area.bottom() - 3.2 * CUBE));
+        paint_surroundings(ui, &painter, frame, &open.document.figure().camera, &page, assumption.as_deref());
+        let at = Pos2::new(area.left() + 3.2 * CUBE, area.bottom() - 3.2 * CUBE);
+        cube(ui, open, at, assumption.as_deref());
 
         self.hover(ui, &response, open, gallery, frame, size);
         function_view.marked = self.answer.as_ref().map(|a| a.pick.value).or(self.under().map(|u| u.value));
@@ -420,6 +426,7 @@ impl Viewport {
         let node = nearest_node(open, &answer.pick);
         let Some(nodes) = open.chosen().map(|o| o.transfer_function.nodes.clone()) else { return };
         let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
+        let structures = open.chosen_volume().and_then(|v| structures_at(v, answer.pick.position_mm));
         let (at, value, gradient) = (answer.at, answer.pick.value, answer.pick.gradient);
         let painter = ui.painter();
         painter.circle_stroke(at, 6.0, Stroke::new(4.0, Color32::WHITE));
@@ -434,7 +441,9 @@ impl Viewport {
                     let (rect, _) = ui.allocate_exact_size(Vec2::splat(34.0), Sense::hover());
                     gallery.paint(ui.painter(), rect.center(), 16.0, &nodes[node].style);
                     ui.vertical(|ui| {
-                        ui.label(egui::RichText::new(format!("{value:.0}{unit}, gradient {gradient:.2}")).strong());
+                        let named = structures.as_deref().map(str::to_owned);
+                        let what = named.unwrap_or_else(|| format!("{value:.0}{unit}, gradient {gradient:.2}"));
+                        ui.add(egui::Label::new(egui::RichText::new(what).strong()).wrap());
                         let style = gallery.title(&nodes[node].style);
                         ui.label(theme::small(
                             ui.ctx(),
@@ -463,6 +472,21 @@ impl Viewport {
     }
 }
 
+/// Names and numbers of the structures at a place, if the volume shows structures; where they overlap, all of them.
+pub fn structures_at(volume: &Volume, position_mm: DVec3) -> Option<String> {
+    let label = |label: &Label| {
+        let number = label.id.to_string();
+        // Without a name it is called by its number.
+        if label.name == number {
+            format!("Structure {number}")
+        } else {
+            format!("{} (structure {number})", printable(label.name.clone()))
+        }
+    };
+    let named: Vec<String> = volume.structures_at(position_mm).into_iter().map(label).collect();
+    (!named.is_empty()).then(|| named.join(", "))
+}
+
 /// The node whose style a picked sample has most of.
 fn nearest_node(open: &OpenFigure, pick: &Pick) -> usize {
     let num_nodes = open.chosen().map_or(1, |o| o.transfer_function.nodes.len());
@@ -480,29 +504,47 @@ fn wheel(ui: &Ui, response: &Response, open: &mut OpenFigure, frame: Rect) {
 }
 
 /// What somebody who does not see the picture is told of it.
-fn describe(figure: &Template) -> String {
-    let [left, right, ..] = view::letters(&figure.camera);
+fn describe(figure: &Template, is_assumed: bool) -> String {
+    let [left, right, ..] = view::letters(&figure.camera).map(|letter| marked(letter, is_assumed));
     let objects: Vec<&str> = figure.objects.iter().filter(|o| o.visible).map(|o| o.title()).collect();
     let objects = if objects.is_empty() { "Nothing".to_owned() } else { objects.join(", ") };
     format!("Figure: {objects}, {}, {left} on the left, {right} on the right", view::side(&figure.camera))
 }
 
+/// Letters of the body as they are shown: with a question mark where no file says that they are right.
+pub fn marked(letters: impl Display, is_assumed: bool) -> String {
+    if is_assumed { format!("{letters}?") } else { letters.to_string() }
+}
+
+/// What is said beside letters that are assumed.
+pub fn why_marked(assumption: &str) -> String {
+    format!("The letters are assumed. {assumption}")
+}
+
+/// `assumption`: why the letters may be wrong, if they may.
 fn paint_surroundings(
+    ui: &Ui,
     painter: &egui::Painter,
     frame: Rect,
     camera: &CameraTemplate,
     page: &crate::figure::template::Page,
-    ctx: &Context,
+    assumption: Option<&str>,
 ) {
-    let tokens = theme::tokens(ctx);
+    let tokens = theme::tokens(ui.ctx());
+    let color = if assumption.is_some() { tokens.warning } else { tokens.dim };
     let [left, right, top, bottom] = view::letters(camera);
-    for (letter, at, anchor) in [
+    for (letters, at, anchor) in [
         (left, frame.left_center() - Vec2::X * 6.0, Align2::RIGHT_CENTER),
         (right, frame.right_center() + Vec2::X * 6.0, Align2::LEFT_CENTER),
         (top, frame.center_top() - Vec2::Y * 4.0, Align2::CENTER_BOTTOM),
         (bottom, frame.center_bottom() + Vec2::Y * 4.0, Align2::CENTER_TOP),
     ] {
-        painter.text(at, anchor, letter, FontId::proportional(14.0), tokens.dim);
+        let text = marked(&letters, assumption.is_some());
+        let rect = painter.text(at, anchor, text, FontId::proportional(14.0), color);
+        if let Some(why) = assumption {
+            let response = ui.interact(rect.expand(3.0), ui.scope_id().with(("letters", &letters)), Sense::hover());
+            response.on_hover_text(why_marked(why));
+        }
     }
     let caption = format!("{} x {} mm   {} dpi", shorter(page.width_mm), shorter(page.height_mm), shorter(page.dpi));
     let at = frame.left_top() - Vec2::Y * 6.0;
@@ -510,7 +552,7 @@ fn paint_surroundings(
 }
 
 /// A cube with a letter on each side, turned as the object is: a click on a side looks at it.
-fn cube(ui: &Ui, open: &mut OpenFigure, center: Pos2) {
+fn cube(ui: &Ui, open: &mut OpenFigure, center: Pos2, assumption: Option<&str>) {
     let (from, right, up) = view::axes(&open.document.figure().camera);
     let project = |p: DVec3| center + CUBE * Vec2::new(p.dot(right) as f32, -p.dot(up) as f32);
     let rect = Rect::from_center_size(center, Vec2::splat(3.4 * CUBE));
@@ -544,11 +586,16 @@ fn cube(ui: &Ui, open: &mut OpenFigure, center: Pos2) {
         painter.add(PathShape::convex_polygon(corners.to_vec(), fill, Stroke::new(1.0, tokens.border)));
         if facing > 0.25 {
             let font = FontId::proportional(8.0 + 6.0 * facing as f32);
-            painter.text(project(normal), Align2::CENTER_CENTER, letter, font, tokens.text);
+            let color = if assumption.is_some() { tokens.warning } else { tokens.text };
+            let text = marked(letter, assumption.is_some());
+            painter.text(project(normal), Align2::CENTER_CENTER, text, font, color);
         }
     }
-    let response =
-        response.on_hover_text("Click a side to look at it: right, left, anterior, posterior, superior, inferior");
+    let mut tooltip = "Click a side to look at it: right, left, anterior, posterior, superior, inferior".to_owned();
+    if let Some(why) = assumption {
+        tooltip = format!("{tooltip}.\n{}", why_marked(why));
+    }
+    let response = response.on_hover_text(tooltip);
     if response.clicked()
         && let Some(direction) = chosen
     {

@@ -12,13 +12,14 @@ use eframe::egui::{
 use fabrica_engine::read::limits::{Limits, bytes_in_words};
 use fabrica_engine::read::raw::{EXAMPLE, RawLayout};
 use fabrica_engine::read::window::Window;
-use fabrica_engine::read::{Entry, ReadOptions, read_volume};
+use fabrica_engine::read::{Entry, Numbers, ReadOptions, read_volume};
 use fabrica_engine::volume::Volume;
 use fabrica_engine::{Error, Progress};
 
 use super::dialogs::{Choice, filled};
 use super::panels::properties::shorter;
 use super::theme;
+use super::viewport::why_marked;
 use crate::figure::template::VolumeSlot;
 use crate::memory;
 
@@ -38,12 +39,15 @@ pub struct VolumeChoice {
     /// What is typed as the layout of plain voxels.
     layout: Option<String>,
     frame: usize,
+    numbers: Numbers,
     crop: [[usize; 2]; 3],
     reduce: [usize; 3],
     limits: Limits,
     /// Whether it is asked because the whole does not fit.
     is_too_large: bool,
     previews: Option<Previews>,
+    /// Why it could not be read as it was answered.
+    fault: Option<String>,
     /// Whether it was shown before.
     has_begun: bool,
 }
@@ -79,11 +83,13 @@ impl VolumeChoice {
             chosen: entries.iter().position(named).unwrap_or_else(|| likely(&entries)),
             layout: slot.raw.clone(),
             frame: slot.frame,
+            numbers: if slot.labels { Numbers::Structures } else { Numbers::Values },
             crop: [[0, 1]; 3],
             reduce: slot.reduce.unwrap_or([1; 3]),
             limits,
             is_too_large: false,
             previews: None,
+            fault: None,
             has_begun: false,
             entries,
         };
@@ -96,6 +102,14 @@ impl VolumeChoice {
             _ => {}
         }
         choice
+    }
+
+    /// The same question once more, after the answer led to `fault`.
+    #[must_use]
+    pub fn refused(self, fault: String) -> Self {
+        let mut letters = fault.chars();
+        let first = letters.next().into_iter().flat_map(char::to_uppercase);
+        Self { fault: Some(first.chain(letters).collect()), has_begun: false, ..self }
     }
 
     /// The slot as it is answered, and what reading may take: no limit once the user wants it all the same.
@@ -113,7 +127,7 @@ impl VolumeChoice {
             raw,
             series: self.entry().filter(|_| several).map(|e| e.key.clone()),
             window: self.window(),
-            labels_as_colors: self.slot.labels,
+            numbers: self.numbers,
             limits: Limits::default(),
         })
     }
@@ -132,7 +146,8 @@ impl VolumeChoice {
 
     fn is_within(&self) -> bool {
         let Some(entry) = self.entry() else { return true };
-        self.window().on(&self.path, entry.grid.dims()).is_ok_and(|part| self.limits.admit(entry, &part))
+        let entry = entry.taken_for(self.numbers);
+        self.window().on(&self.path, entry.grid.dims()).is_ok_and(|part| self.limits.admit(&entry, &part))
     }
 
     fn choose(&mut self, which: usize) {
@@ -178,11 +193,15 @@ impl VolumeChoice {
                 self.frame = number - 1;
             });
         }
+        self.show_numbers(ui);
         if self.entry().is_some() {
             let is_part = self.is_too_large || !self.window().is_whole();
             let header = CollapsingHeader::new("Part and resolution").default_open(is_part).id_salt("part");
             header.show(ui, |ui| self.show_part(ui));
             self.show_cost(ui);
+        }
+        if let (Some(refusal), None) = (&self.fault, &fault) {
+            ui.add(egui::Label::new(egui::RichText::new(refusal).color(theme::tokens(ui.ctx()).error)).wrap());
         }
         let mut choice = None;
         ui.add_space(8.0);
@@ -209,12 +228,33 @@ impl VolumeChoice {
         choice
     }
 
+    /// What the numbers are, for a figure that is open: another one finds out by itself.
+    fn show_numbers(&mut self, ui: &mut Ui) {
+        if self.place.is_none() || self.entry().is_none_or(|e| e.type_name.starts_with("rgb")) {
+            return;
+        }
+        ui.horizontal(|ui| {
+            ui.label("Its numbers are");
+            for (numbers, text, tooltip) in [
+                (Numbers::Values, "Values of a scan", "A mask or label map is then drawn as one surface"),
+                (Numbers::Structures, "Structures", "Each number names a structure, which is drawn in its color"),
+            ] {
+                if ui.selectable_label(self.numbers == numbers, text).on_hover_text(tooltip).clicked() {
+                    self.numbers = numbers;
+                }
+            }
+        });
+    }
+
     /// The field for the layout; what is wrong with what is typed.
     fn show_layout(&mut self, ui: &mut Ui) -> Option<String> {
         let text = self.layout.as_mut()?;
         let label = ui.label("Layout");
         let field = theme::text_field(text).hint_text("256x256x128xuint8").desired_width(f32::INFINITY);
         let field = ui.add(field).labelled_by(label.id);
+        if field.changed() {
+            self.fault = None;
+        }
         // Enter on what cannot be leaves one where it can be mended.
         if !self.has_begun || (field.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter))) {
             field.request_focus();
@@ -224,7 +264,7 @@ impl VolumeChoice {
         let fault = parsed.map_or_else(|e| Some(e.to_string()), |layout| layout.misfit(&self.path));
         match &fault {
             Some(fault) if !text.trim().is_empty() => drop(ui.colored_label(theme::tokens(ui.ctx()).warning, fault)),
-            _ => drop(ui.label(theme::small(ui.ctx(), format!("As in {}", EXAMPLE.trim_start_matches("--raw "))))),
+            _ => drop(ui.label(theme::small(ui.ctx(), format!("As in {EXAMPLE}")))),
         }
         fault
     }
@@ -264,10 +304,13 @@ impl VolumeChoice {
         // Which way an index leads, as people say it.
         let letters = self.entry().map(|e| e.grid.orientation_letters()).unwrap_or_default();
         let ways: Vec<&str> = letters.chars().map(way).collect();
+        let assumption = self.entry().and_then(|e| e.orientation.assumption()).map(why_marked);
+        let mark = if assumption.is_some() { " (?)" } else { "" };
         Grid::new("part").num_columns(6).spacing([8.0, 4.0]).show(ui, |ui| {
             for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
                 let [mut first, mut end] = self.crop[axis];
-                ui.label(format!("Along {name}, {}", ways[axis]));
+                let label = ui.label(format!("Along {name}, {}{mark}", ways[axis]));
+                assumption.as_deref().map(|why| label.on_hover_text(why));
                 let from = DragValue::new(&mut first).range(0..=end - 1);
                 ui.add(from).accessible_name(format!("First voxel along {name}"));
                 ui.label("to");
@@ -281,13 +324,17 @@ impl VolumeChoice {
                 ui.end_row();
             }
         });
+        if let Some(why) = &assumption {
+            let text = egui::RichText::new(why).size(12.0).color(theme::tokens(ui.ctx()).warning);
+            ui.add(egui::Label::new(text).wrap());
+        }
         if ui.button("All of it").clicked() {
             (self.crop, self.reduce) = (self.whole(), [1; 3]);
         }
     }
 
     fn show_cost(&self, ui: &mut Ui) {
-        let Some(entry) = self.entry() else { return };
+        let Some(entry) = self.entry().map(|e| e.taken_for(self.numbers)) else { return };
         let Ok(part) = self.window().on(&self.path, entry.grid.dims()) else { return };
         let Ok(grid) = part.grid(&entry.grid) else { return };
         let ([x, y, z], mm, cost) = (part.dims(), grid.spacing_mm(), entry.cost(&part));
@@ -297,7 +344,7 @@ impl VolumeChoice {
             format!("takes {}, and {} on the adapter", bytes_in_words(cost.voxels), bytes_in_words(cost.adapter));
         let free = self.limits.bytes.map_or(String::new(), |free| format!("; {} are free", bytes_in_words(free)));
         let text = takes + &free;
-        if self.limits.admit(entry, &part) {
+        if self.limits.admit(&entry, &part) {
             ui.label(theme::small(ui.ctx(), text));
         } else {
             ui.colored_label(theme::tokens(ui.ctx()).warning, text);
@@ -305,7 +352,8 @@ impl VolumeChoice {
     }
 
     fn reduce_to_fit(&mut self) {
-        let fitting = self.entry().and_then(|entry| self.limits.fit(&self.path, entry, &self.window()).ok());
+        let fitting = self.entry().map(|e| e.taken_for(self.numbers));
+        let fitting = fitting.and_then(|entry| self.limits.fit(&self.path, &entry, &self.window()).ok());
         if let Some(fitting) = fitting {
             self.reduce = fitting.reduce;
         }

@@ -147,8 +147,8 @@ pub enum Command {
 }
 
 impl Command {
-    /// What the edit is called in the list of undo steps: verb, object, amount.
-    pub fn label(&self) -> String {
+    /// What the edit of `figure` is called in the list of undo steps: verb, object, amount.
+    pub fn label(&self, figure: &Template) -> String {
         match self {
             Self::SetTitle(_) => "Change title".to_owned(),
             Self::SetCamera(_) => "Move view".to_owned(),
@@ -174,7 +174,7 @@ impl Command {
             Self::SetRest { rest, .. } if rest.visible => "Show the rest".to_owned(),
             Self::SetRest { .. } => "Hide the rest".to_owned(),
             Self::SetLooks { looks, .. } => format!("Change look of {} structures", looks.len()),
-            Self::SetVolume { volume, .. } => format!("Use {}", volume.file),
+            Self::SetVolume { slot, volume } => reading(figure.volumes.get(*slot), volume),
         }
     }
 
@@ -311,6 +311,41 @@ impl Command {
     }
 }
 
+/// What a slot's next volume is: another file, or the same with what is read otherwise.
+fn reading(before: Option<&VolumeSlot>, now: &VolumeSlot) -> String {
+    let name = now.file.rsplit(['/', '\\']).find(|part| !part.is_empty()).unwrap_or(&now.file);
+    let Some(before) = before.filter(|before| before.file == now.file) else { return format!("Use {name}") };
+    let mut parts = vec![format!("Read {name}")];
+    if before.raw != now.raw {
+        parts.extend(now.raw.as_ref().map(|layout| format!("as {layout}")));
+    }
+    if before.series != now.series {
+        parts.push(now.series.as_ref().map_or_else(|| "any series".to_owned(), |series| format!("series {series}")));
+    }
+    if before.frame != now.frame {
+        parts.push(format!("frame {}", now.frame + 1));
+    }
+    if before.labels != now.labels {
+        parts.push(if now.labels { "as structures" } else { "as values of a scan" }.to_owned());
+    }
+    match (before.crop, now.crop) {
+        (before, now) if before == now => {}
+        (None, _) => parts.push("cropped".to_owned()),
+        (Some(_), Some(_)) => parts.push("cropped otherwise".to_owned()),
+        (Some(_), None) => parts.push("whole".to_owned()),
+    }
+    let (old, new) = (before.reduce.unwrap_or([1; 3]), now.reduce.unwrap_or([1; 3]));
+    if old != new {
+        parts.push(match new {
+            [1, 1, 1] => "at full resolution".to_owned(),
+            [2, 2, 2] => "at half resolution".to_owned(),
+            [x, y, z] if x == y && y == z => format!("at 1/{x} of the resolution"),
+            [x, y, z] => format!("reduced {x} x {y} x {z}"),
+        });
+    }
+    parts.join(", ")
+}
+
 /// At most two decimals, none that say nothing.
 fn short(number: f64) -> f64 {
     (100.0 * number).round() / 100.0
@@ -354,5 +389,39 @@ fn node_of(nodes: &mut [NodeTemplate], node: usize) -> Result<&mut NodeTemplate>
     match nodes.get_mut(node) {
         Some(found) => Ok(found),
         None => bail!("the transfer function has no node number {}", node + 1),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reading_a_volume_otherwise_says_what_changed() {
+        let slot = |change: &dyn Fn(&mut VolumeSlot)| {
+            let mut slot = VolumeSlot::new("v", "/scans/head.nii".to_owned());
+            change(&mut slot);
+            slot
+        };
+        let crop = Some([[0, 8], [0, 8], [0, 8]]);
+        let plain = slot(&|_| {});
+        let part = slot(&|s| (s.crop, s.reduce) = (crop, Some([2; 3])));
+        for (before, now, label) in [
+            (&plain, &part, "Read head.nii, cropped, at half resolution"),
+            (&part, &plain, "Read head.nii, whole, at full resolution"),
+            (
+                &part,
+                &slot(&|s| (s.crop, s.reduce) = (Some([[1, 8]; 3]), Some([3; 3]))),
+                "Read head.nii, cropped otherwise, at 1/3 of the resolution",
+            ),
+            (&plain, &slot(&|s| s.reduce = Some([2, 2, 1])), "Read head.nii, reduced 2 x 2 x 1"),
+            (&plain, &slot(&|s| s.series = Some("CT Abdomen".to_owned())), "Read head.nii, series CT Abdomen"),
+            (&plain, &slot(&|s| (s.frame, s.labels) = (2, true)), "Read head.nii, frame 3, as structures"),
+            (&plain, &slot(&|s| s.raw = Some("4x4x4xuint8".to_owned())), "Read head.nii, as 4x4x4xuint8"),
+            (&plain, &slot(&|s| s.file = "/other/foot.nii".to_owned()), "Use foot.nii"),
+            (&plain, &slot(&|s| s.file = "specimen:head@64".to_owned()), "Use specimen:head@64"),
+        ] {
+            assert_eq!(reading(Some(before), now), label);
+        }
     }
 }

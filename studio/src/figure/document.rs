@@ -115,7 +115,7 @@ impl Document {
     /// # Errors
     /// What the command says; nothing has then happened.
     pub fn apply(&mut self, command: Command) -> Result<()> {
-        let (label, kept) = (command.label(), command.clone());
+        let (label, kept) = (command.label(&self.figure), command.clone());
         let mut figure = Template::clone(&self.figure);
         command.apply(&mut figure)?;
         if figure == *self.figure {

@@ -43,7 +43,7 @@ impl VolumeSource {
                 if (ReadOptions { limits: Limits::default(), ..options.clone() }) != ReadOptions::default() =>
             {
                 bail!(
-                    "a specimen is one volume, as large as its name says; leave --raw, --series, --frame, --crop and --reduce out"
+                    "a specimen is one volume, as large as its name says: it has no layout, series, frame or part; leave these out"
                 )
             }
             Self::Specimen(request) => load_specimen(request, progress)?,
@@ -53,7 +53,7 @@ impl VolumeSource {
 }
 
 /// The options with what is free as the limit, where they have none of their own.
-fn within_memory(options: &ReadOptions) -> ReadOptions {
+pub(super) fn within_memory(options: &ReadOptions) -> ReadOptions {
     let bytes = options.limits.bytes.or_else(memory::free_bytes);
     ReadOptions { limits: Limits { bytes, ..options.limits }, ..options.clone() }
 }

@@ -8,8 +8,8 @@ mod region;
 use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
-use fabrica_engine::read::ReadOptions;
 use fabrica_engine::read::window::Window;
+use fabrica_engine::read::{Numbers, ReadOptions};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -105,7 +105,7 @@ impl VolumeSlot {
             frame: options.frame,
             raw: options.raw.as_ref().map(ToString::to_string),
             series: options.series.clone(),
-            labels: options.labels_as_colors,
+            labels: options.numbers == Numbers::Structures,
             crop: window.crop,
             reduce: (window.reduce != [1; 3]).then_some(window.reduce),
             extra: self.extra.clone(),
@@ -122,7 +122,7 @@ impl VolumeSlot {
             frame: self.frame,
             raw: raw.map_err(|e| anyhow::anyhow!("the raw layout of the volume \"{}\": {e}", self.name))?,
             series: self.series.clone(),
-            labels_as_colors: self.labels,
+            numbers: if self.labels { Numbers::Structures } else { Numbers::Values },
             window: Window { crop: self.crop, reduce: self.reduce.unwrap_or([1; 3]) },
             ..ReadOptions::default()
         })

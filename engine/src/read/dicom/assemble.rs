@@ -51,15 +51,7 @@ pub fn volume(
         Element::F64 => Voxels::F64(reader.numbers(&mut warnings)?),
         Element::Rgb => {
             let colors = reader.colors(files)?;
-            let fault = |what| Error::file(path, what, "export it again");
-            let grid = window.grid(&stack.entry.grid).map_err(fault)?;
-            let mut volume = Volume::from_colors(grid, colors, &stack.entry.format).map_err(fault)?;
-            warnings.extend(window.note());
-            volume.num_frames = stack.entry.num_frames;
-            volume.modality = stack.entry.modality;
-            volume.description.clone_from(&stack.entry.title);
-            volume.warnings = warnings;
-            return Ok(volume);
+            return super::super::color_volume_of(path, &stack.entry, window, colors, warnings);
         }
     };
     super::super::volume_of(path, &stack.entry, window, voxels, target.rescale, warnings)

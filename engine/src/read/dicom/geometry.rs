@@ -7,6 +7,7 @@
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::slices::{NUM_ORDERS, ORDER_NAMES, Slice};
+use crate::volume::Orientation;
 
 /// Why slices make no volume: what, remedy.
 pub type Clause = (String, String);
@@ -29,6 +30,8 @@ pub struct Arranged {
     pub planes: Vec<Plane>,
     /// From voxels to RAS mm.
     pub world_from_index: DAffine3,
+    /// Whether the files say how it lies in the body.
+    pub orientation: Orientation,
     /// What the user shall know.
     pub warnings: Vec<String>,
 }
@@ -183,7 +186,7 @@ impl Placed {
                 .push(format!("Each place has {num_frames} slices, which became frames in the order of their {by}."));
         }
         let world_from_index = ras(self.row * self.spacing[0], self.column * self.spacing[1], lean * step, origin);
-        Ok(Arranged { frames, planes, world_from_index, warnings })
+        Ok(Arranged { frames, planes, world_from_index, orientation: Orientation::Stated, warnings })
     }
 }
 
@@ -191,6 +194,13 @@ const NO_SPACING: &str = "The file does not say how large its pixels are: 1 mm w
 
 fn no_slices() -> Clause {
     ("it has no slices".to_owned(), "choose another series".to_owned())
+}
+
+/// Slices of which nobody says where they lie.
+pub fn unplaced() -> Orientation {
+    Orientation::Assumed(
+        "The file does not say how it lies in the body: right, left, front and back may be wrong.".to_owned(),
+    )
 }
 
 /// What orders slices of one place.
@@ -313,11 +323,8 @@ fn arrange_unplaced(mut slices: Vec<Slice>) -> Result<Arranged, Clause> {
         });
         ((0..slices.len()).map(Plane::At).collect(), step)
     };
-    if !has_axes || slices.len() > 1 {
-        warnings.push(
-            "The file does not say how it lies in the body: right, left, front and back may be wrong.".to_owned(),
-        );
-    }
+    // One slice whose rows and columns have directions lies as they say, wherever that is.
+    let orientation = if has_axes && slices.len() == 1 { Orientation::Stated } else { unplaced() };
     let world_from_index = ras(row * spacing[0], column * spacing[1], row.cross(column) * step, origin);
-    Ok(Arranged { frames: vec![slices], planes, world_from_index, warnings })
+    Ok(Arranged { frames: vec![slices], planes, world_from_index, orientation, warnings })
 }

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::elements::{Charset, Elements};
 use super::file::DicomFile;
 use super::frames::Frames;
-use super::geometry::{Arranged, ras};
+use super::geometry::{Arranged, ras, unplaced};
 use super::image::Image;
 use super::series::{Stack, segmentation_stack};
 use super::slices::{Slice, slices_of};
@@ -24,8 +24,8 @@ use crate::read::stream::reserve;
 use crate::read::window::Window;
 use crate::read::{Entry, grid_of, window_labels};
 use crate::spaces::Grid;
-use crate::volume::Modality;
 use crate::volume::labels::{Label, LabelMap, distinct_color};
+use crate::volume::{Modality, Orientation};
 
 /// Empty slices there may be for each that is not.
 const MAX_SPARSENESS: f64 = 200.0;
@@ -51,6 +51,7 @@ pub fn stack_of(index: usize, file: &DicomFile, image: &Image) -> Result<Stack> 
         format: "DICOM segmentation".to_owned(),
         modality: Modality::Unknown,
         grid: layout.grid,
+        orientation: layout.orientation.clone(),
         type_name: if is_narrow { "uint8" } else { "uint16" },
         bytes_per_voxel: if is_narrow { 1 } else { 2 },
         num_frames: 1,
@@ -59,7 +60,13 @@ pub fn stack_of(index: usize, file: &DicomFile, image: &Image) -> Result<Stack> 
         is_localizer: false,
     };
     let world_from_index = layout.grid.world_from_index();
-    let slices = Arranged { frames: Vec::new(), planes: Vec::new(), world_from_index, warnings: Vec::new() };
+    let slices = Arranged {
+        frames: Vec::new(),
+        planes: Vec::new(),
+        world_from_index,
+        orientation: layout.orientation,
+        warnings: Vec::new(),
+    };
     Ok(segmentation_stack(index, image, entry, slices))
 }
 
@@ -91,6 +98,7 @@ enum Kind {
 /// Where the frames of a segmentation belong.
 struct Layout {
     grid: Grid,
+    orientation: Orientation,
     kind: Kind,
     /// Of every frame the slice of the grid.
     planes: Vec<usize>,
@@ -127,7 +135,9 @@ impl Layout {
         let (planes, num_planes, world_from_index) = places(file, &slices, &segments)?;
         let dims = [image.format.columns, image.format.rows, num_planes].map(|n| n as u64);
         let grid = grid_of(&file.path, dims, world_from_index)?;
-        Ok(Self { grid, kind, planes, segments, labels: labels(file) })
+        let is_placed = slices.iter().all(|s| s.position.is_some() && s.axes.is_some());
+        let orientation = if is_placed { Orientation::Stated } else { unplaced() };
+        Ok(Self { grid, orientation, kind, planes, segments, labels: labels(file) })
     }
 
     /// The structure of a number; one that the file does not describe is called by it.

@@ -166,6 +166,7 @@ fn stack(path: &Path, image: &Image, mut slices: Arranged) -> Result<Stack> {
         format: "DICOM".to_owned(),
         modality: image.modality,
         grid,
+        orientation: slices.orientation.clone(),
         type_name: target.type_name(),
         bytes_per_voxel: target.bytes_per_voxel(),
         num_frames: slices.frames.len(),

@@ -9,7 +9,7 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use super::super::stream::Endian;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, remedies};
 use crate::progress::Progress;
 
 /// More than any adapter takes of a slice; packed pixels may say so with next to no bytes.
@@ -89,7 +89,7 @@ impl Tiff {
             return Err(Error::file(
                 path,
                 "this is no TIFF file: it does not begin with its mark",
-                "check what the file is; if it holds plain voxels, describe them with --raw",
+                remedies::DESCRIBE_VOXELS,
             ));
         }
         tiff.endian = if head[0] == b'I' { Endian::Little } else { Endian::Big };

@@ -19,6 +19,7 @@ pub use ifd::is_tiff;
 use ifd::{Page, Tiff};
 use notes::Notes;
 
+use super::image_folder::{self, Standing};
 use super::slices::{self, PixelKind};
 use super::{Entry, ReadOptions, VolumeReader, check_frame, grid_of};
 use crate::error::{Error, Result};
@@ -42,11 +43,38 @@ impl VolumeReader for TiffReader {
     }
 
     fn survey(&self, path: &Path, _options: &ReadOptions, progress: &Progress) -> Result<Vec<Entry>> {
-        Ok(vec![Stack::open(path, progress)?.entry])
+        Ok(vec![match Opened::open(path, progress)? {
+            Opened::Pages(stack) => stack.entry,
+            Opened::Files(slices) => slices.entry,
+        }])
     }
 
     fn read(&self, path: &Path, options: &ReadOptions, progress: &Progress) -> Result<Volume> {
-        Stack::open(path, progress)?.read(path, options, progress)
+        match Opened::open(path, progress)? {
+            Opened::Pages(stack) => stack.read(path, options, progress),
+            Opened::Files(slices) => slices.read(path, options, progress),
+        }
+    }
+}
+
+/// What a file is.
+enum Opened {
+    /// All there is.
+    Pages(Box<Stack>),
+    /// One slice of several files, which it stands for.
+    Files(Box<image_folder::Stack>),
+}
+
+impl Opened {
+    fn open(path: &Path, progress: &Progress) -> Result<Self> {
+        let mut stack = Stack::open(path, progress)?;
+        if stack.entry.grid.dims()[2] == 1 && stack.entry.num_frames == 1 {
+            match image_folder::standing_of(path, progress)? {
+                Standing::Slice(slices) => return Ok(Self::Files(slices)),
+                Standing::Alone(note) => stack.warnings.extend(note),
+            }
+        }
+        Ok(Self::Pages(Box::new(stack)))
     }
 }
 
@@ -172,7 +200,6 @@ impl Stack {
         }
         let x = sx.unwrap_or(1.0);
         let spacing = DVec3::new(x, sy.unwrap_or(x), sz.unwrap_or(x));
-        warnings.push(slices::NO_PATIENT.to_owned());
         if first.orientation != 1 {
             let code = first.orientation;
             warnings.push(format!(
@@ -202,6 +229,7 @@ impl Stack {
             format: if notes.format == "TIFF" && tiff.is_big { "BigTIFF" } else { notes.format }.to_owned(),
             modality: Modality::Unknown,
             grid: grid_of(path, dims, slices::world_without_patient(dims, spacing))?,
+            orientation: slices::no_patient(),
             type_name: kind.name(),
             bytes_per_voxel: kind.bytes_per_voxel(),
             num_frames: usize::try_from(num_frames).unwrap_or(usize::MAX),

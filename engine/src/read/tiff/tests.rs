@@ -172,6 +172,7 @@ fn axes_are_those_of_axial_images_and_not_mirrored() {
     let middle = volume.grid.world_from_index().transform_point3(DVec3::new(1.0, 0.5, 0.5));
     assert!(middle.length() < 1e-12);
     let warnings = volume.warnings.join(" ");
+    assert!(!volume.orientation.is_known());
     assert!(warnings.contains("no patient space") && warnings.contains("1 mm is assumed"), "{warnings}");
 }
 

@@ -5,13 +5,14 @@ use std::path::Path;
 use anyhow::Result;
 use fabrica_engine::error::printable;
 use fabrica_engine::read::label_table::read_label_table;
-use fabrica_engine::read::{ReadOptions, choose, read_labels, survey};
+use fabrica_engine::read::{Numbers, ReadOptions, choose, read_labels, survey};
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::labels::{Label, LabelMap, StructureStatistics, resample_layers};
 use fabrica_engine::{Error, Progress};
 use serde::Serialize;
 
 use super::short;
+use crate::figure::first_look;
 use crate::figure::source::VolumeSource;
 
 /// Where label maps and their names come from.
@@ -36,6 +37,9 @@ pub struct Listing {
     num_label_layers: Option<usize>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     label_notes: Vec<String>,
+    /// Whether they are what the volume's own numbers name.
+    #[serde(skip)]
+    pub is_of_volume: bool,
 }
 
 #[derive(Serialize)]
@@ -57,27 +61,45 @@ struct Structure {
 
 impl Listing {
     /// The structures of the label map that is asked for, on the grid of `volume`; of `volume` itself if it is one; else
-    /// nothing.
+    /// nothing. `numbers` says whether it is one; without a word, its file and its values do. With a sentence if it is one by
+    /// its values alone.
     pub fn of(
         arguments: &Arguments,
         source: &VolumeSource,
         options: &ReadOptions,
+        numbers: Option<Numbers>,
         volume: &Volume,
         progress: &Progress,
-    ) -> Result<Self> {
+    ) -> Result<(Self, Option<String>)> {
         let table = arguments.label_table.as_ref().map(|t| read_label_table(Path::new(t))).transpose()?;
         let other = arguments.labels.as_deref().filter(|path| !path.is_empty()).map(Path::new);
-        let is_asked = arguments.labels.is_some() || table.is_some();
+        let is_asked = arguments.labels.is_some() || table.is_some() || numbers == Some(Numbers::Structures);
+        let mut guess = None;
         let layers = match (other, source) {
             (Some(path), _) => Some(read_labels(path, &ReadOptions::default(), progress)?),
-            (None, VolumeSource::Path(path)) if is_asked || is_label_map(path, options, progress)? => {
+            (None, VolumeSource::Path(path)) if is_asked => Some(read_labels(path, options, progress)?),
+            (None, VolumeSource::Path(_)) if numbers == Some(Numbers::Values) => None,
+            (None, VolumeSource::Path(path)) if is_label_map(path, options, progress)? => {
                 Some(read_labels(path, options, progress)?)
+            }
+            (None, VolumeSource::Path(path)) => {
+                let why = first_look::taken_for_labels(volume, progress)?.filter(|_| volume.colors.is_none());
+                // Where several voxels became one, their numbers are means.
+                let is_whole = options.window.reduce == [1; 3];
+                let read = || match is_whole {
+                    true => {
+                        LabelMap::from_volume(volume).ok().map(|layer| vec![LabelMap { notes: Vec::new(), ..layer }])
+                    }
+                    false => read_labels(path, options, progress).ok(),
+                };
+                let layers = why.as_ref().and_then(|_| read());
+                guess = why.filter(|_| layers.is_some());
+                layers
             }
             // The cache holds the volume only; its label map comes from making it.
             (None, VolumeSource::Specimen(request)) => Some(vec![request.generate(progress)?.labels]),
-            _ => None,
         };
-        let Some(mut layers) = layers else { return Ok(Self::default()) };
+        let Some(mut layers) = layers else { return Ok((Self::default(), None)) };
         let mut notes: Vec<String> = Vec::new();
         // What is said of every layer is said once.
         let mut add = |new: Vec<String>| {
@@ -105,7 +127,11 @@ impl Listing {
             let means = if has_scan { layer.means(volume).unwrap_or_default() } else { Vec::new() };
             structures.extend(structures_of(i, layer, &means));
         }
-        Ok(Self { structures, num_label_layers: Some(layers.len()), label_notes: notes })
+        // What was said of the volume is no news of its numbers.
+        notes.retain(|note| has_scan || !volume.warnings.contains(note));
+        let listing =
+            Self { structures, num_label_layers: Some(layers.len()), label_notes: notes, is_of_volume: !has_scan };
+        Ok((listing, guess))
     }
 
     /// Lines for people: structures by size, the empty ones by name, notes.

@@ -16,7 +16,8 @@ use super::super::open_figure::OpenFigure;
 use super::super::painter::Stage;
 use super::super::panels::start_page;
 use super::super::ui_command::UiCommand;
-use super::super::{find_file, theme};
+use super::super::viewport::{marked, structures_at, why_marked};
+use super::super::{find_file, theme, wording};
 use super::{Editor, waker};
 use crate::figure::template::QualityName;
 
@@ -144,9 +145,12 @@ impl Editor {
         ui.horizontal(|ui| {
             if let Some(open) = &self.open {
                 if let Some(under) = self.viewport.under() {
-                    ui.label(place(under.position_mm));
+                    let why = open.assumed_orientation();
+                    let label = ui.label(place(under.position_mm, why.is_some()));
+                    why.map(|why| label.on_hover_text(why_marked(why)));
                     let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
-                    ui.label(format!("{:.1}{unit}", under.value));
+                    let named = open.chosen_volume().and_then(|v| structures_at(v, under.position_mm));
+                    ui.label(named.unwrap_or_else(|| format!("{:.1}{unit}", under.value)));
                     ui.separator();
                 }
                 if !self.notice.is_fresh(ui.ctx()) && ui.ctx().content_rect().width() > WIDE {
@@ -314,7 +318,7 @@ impl Editor {
             }
             Some(start_page::Choice::Discard(which)) => {
                 if let Err(error) = self.orphans.remove(which).discard() {
-                    self.banner = Some(Banner::new(format!("{error:#}")));
+                    self.banner = Some(Banner::new(wording::sentence(&error)));
                 }
             }
         }
@@ -322,10 +326,10 @@ impl Editor {
 }
 
 /// A position in the body: millimeters to the right, to the front, up, or to their opposites.
-fn place(mm: DVec3) -> String {
+fn place(mm: DVec3, is_assumed: bool) -> String {
     let one = |value: f64, letters: [char; 2]| {
         let letter = if value < 0.0 { letters[1] } else { letters[0] };
-        format!("{letter} {:.1}", value.abs())
+        format!("{} {:.1}", marked(letter, is_assumed), value.abs())
     };
     format!("{} {} {} mm", one(mm.x, ['R', 'L']), one(mm.y, ['A', 'P']), one(mm.z, ['S', 'I']))
 }

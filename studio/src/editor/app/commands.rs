@@ -14,7 +14,7 @@ use super::super::open_figure::OpenFigure;
 use super::super::panels::curve;
 use super::super::session::Settings;
 use super::super::ui_command::UiCommand;
-use super::super::{files, view};
+use super::super::{files, view, wording};
 use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
 use crate::figure::template::{CameraTemplate, QualityName};
@@ -266,7 +266,7 @@ impl Editor {
             }
             Err(error) => {
                 self.after_saving = None;
-                let text = format!("{error:#}. Nothing was lost");
+                let text = format!("{}. Nothing was lost", wording::sentence(&error));
                 self.banner = Some(Banner { offer: Some(UiCommand::SaveAs), ..Banner::new(text) });
             }
         }
@@ -294,7 +294,7 @@ impl Editor {
                     self.fill(ctx, 0, path);
                 }
             }
-            (Some(_), Dialog::Volume(choice)) => self.volume_chosen(ctx, &choice),
+            (Some(_), Dialog::Volume(choice)) => self.volume_chosen(ctx, choice),
             (Some(_), Dialog::Palette(..)) => {}
         }
     }

@@ -20,7 +20,7 @@ use self::chrome::{Banner, Notice};
 use super::autosave::Autosave;
 use super::dialogs::{Dialog, Then};
 use super::file_dialog::{Answer, FileDialog};
-use super::files::{self, Job, Opened, is_cancelled};
+use super::files::{self, Filled, Job, Opened, is_cancelled};
 use super::gallery::Gallery;
 use super::open_figure::OpenFigure;
 use super::painter::{Painter, Stage, Update};
@@ -34,6 +34,7 @@ use super::timings::Timings;
 use super::ui_command::UiCommand;
 use super::viewport::Viewport;
 use super::volume_choice::VolumeChoice;
+use super::wording;
 use crate::figure::sources::Selections;
 use crate::figure::template::{SelectionSlot, VolumeSlot};
 use crate::figure::{Command, Document};
@@ -94,12 +95,14 @@ pub struct Editor {
     layout: Layout,
     loading: Option<Job<Opened>>,
     /// A volume on its way into a slot; whether that is an edit, or only brings what the figure names.
-    filling: Option<(Job<Arc<Volume>>, usize, VolumeSlot, bool)>,
+    filling: Option<(Job<Filled>, usize, VolumeSlot, bool)>,
     /// Selections that are being read, for which slot and volume, and as which edit if they are new.
     selecting: Option<(Job<Arc<Selections>>, SelectionSlot, Arc<Volume>, Option<Command>)>,
     searching: Option<(Job<Vec<PathBuf>>, usize)>,
     /// A file that is looked at, to ask how it shall be read.
     asking: Option<Job<VolumeChoice>>,
+    /// How a volume is just read, as it was answered: asked again if that fails.
+    answered: Option<Box<VolumeChoice>>,
     /// A slot whose volume could not be read, and why; it is not tried again by itself.
     missing: Option<(VolumeSlot, String)>,
     file_dialog: Option<FileDialog>,
@@ -146,6 +149,7 @@ impl Editor {
             selecting: None,
             searching: None,
             asking: None,
+            answered: None,
             missing: None,
             file_dialog: None,
             dialog: None,
@@ -199,8 +203,16 @@ impl Editor {
             match result {
                 Ok(Opened::Figure(loaded)) => self.show_loaded(ctx, *loaded),
                 Ok(Opened::Asked(choice)) => self.dialog = Some(Dialog::Volume(choice)),
-                Err(error) if is_cancelled(&error) => self.notice = Notice::now("Opening was cancelled"),
-                Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
+                Err(error) if is_cancelled(&error) => {
+                    self.answered = None;
+                    self.notice = Notice::now("Opening was cancelled");
+                }
+                Err(error) => {
+                    let sentence = wording::sentence(&error);
+                    if !self.ask_again(&sentence) {
+                        self.banner = Some(Banner::new(sentence));
+                    }
+                }
             }
         }
         self.poll_volumes(ctx);

@@ -10,17 +10,18 @@ use fabrica_engine::volume::statistics::Statistics;
 
 use super::super::autosave::Autosave;
 use super::super::dialogs::Dialog;
-use super::super::files::{self, Job, Loaded, Opened, is_cancelled};
+use super::super::files::{self, Filled, Job, Loaded, Opened, is_cancelled};
 use super::super::open_figure::OpenFigure;
 use super::super::panels::properties::shorter;
 use super::super::recovery::{Recoverable, RecoverySlot};
 use super::super::session::Pixels;
 use super::super::volume_choice::VolumeChoice;
+use super::super::wording;
 use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
 use crate::figure::shipped::SHIPPED;
 use crate::figure::sources::Sources;
-use crate::figure::template::{Domain, SelectionSlot, VolumeSlot};
+use crate::figure::template::{Domain, ObjectTemplate, SelectionSlot, VolumeSlot};
 use crate::figure::{Command, Document, Template, first_look, sources};
 
 impl Editor {
@@ -34,7 +35,7 @@ impl Editor {
         if let Some(loading) = self.loading.replace(job) {
             loading.progress.cancel();
         }
-        self.banner = None;
+        (self.banner, self.answered) = (None, None);
     }
 
     pub(super) fn load_shipped(&mut self, ctx: &Context, which: usize) {
@@ -55,7 +56,7 @@ impl Editor {
                 self.show_document(ctx, Document::recovered(figure, saved), path, &Sources::default(), Some(slot));
                 self.notice = Notice::now("Recovered; save it to keep it");
             }
-            Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
+            Err(error) => self.banner = Some(Banner::new(wording::sentence(&error))),
         }
     }
 
@@ -67,7 +68,8 @@ impl Editor {
             && let Some(open) = &mut self.open
         {
             match result {
-                Ok(volume) => {
+                Ok(Filled { volume, look }) => {
+                    self.answered = None;
                     let before = open.document.figure().volumes.get(number).and_then(|slot| open.volume_of(slot));
                     let data = open.chosen().is_some_and(|o| o.transfer_function.domain == Domain::Data);
                     let mut notes = volume.warnings.clone();
@@ -75,19 +77,24 @@ impl Editor {
                     self.notice = Notice::now(notes.join(" "));
                     open.keep_volume(slot.clone(), volume);
                     if is_edit {
-                        open.edit(Command::SetVolume { slot: number, volume: slot });
+                        use_volume(open, number, slot, look);
                     }
                     (self.missing, self.banner) = (None, None);
                     self.viewport.picture.ask_again();
                 }
-                Err(error) if is_edit && is_cancelled(&error) => {}
+                Err(error) if is_edit && is_cancelled(&error) => self.answered = None,
                 Err(error)
                     if is_edit && let Some(choice) = VolumeChoice::after(&error, &slot, Some(number), self.limits) =>
                 {
                     self.dialog = Some(Dialog::Volume(Box::new(choice)));
                 }
-                Err(error) if is_edit => self.banner = Some(Banner::new(format!("{error:#}. The figure is as it was"))),
-                Err(error) => self.missing = Some((slot, format!("{error:#}"))),
+                Err(error) if is_edit => {
+                    let sentence = wording::sentence(&error);
+                    if !self.ask_again(&sentence) {
+                        self.banner = Some(Banner::new(format!("{sentence}. The figure is as it was")));
+                    }
+                }
+                Err(error) => self.missing = Some((slot, wording::sentence(&error))),
             }
         }
         if let Some((job, _)) = &self.searching
@@ -98,7 +105,7 @@ impl Editor {
                 Ok(Some(path)) => self.fill(ctx, number, &path),
                 Ok(None) => self.banner = Some(Banner::new("There is no file of this name in the folder or below it")),
                 Err(error) if is_cancelled(&error) => {}
-                Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
+                Err(error) => self.banner = Some(Banner::new(wording::sentence(&error))),
             }
         }
         if let Some(result) = self.asking.as_ref().and_then(Job::finished) {
@@ -106,7 +113,7 @@ impl Editor {
             match result {
                 Ok(choice) => self.dialog = Some(Dialog::Volume(Box::new(choice))),
                 Err(error) if is_cancelled(&error) => {}
-                Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
+                Err(error) => self.banner = Some(Banner::new(wording::sentence(&error))),
             }
         }
         // Undo may bring back a slot that was never read.
@@ -121,7 +128,7 @@ impl Editor {
         }
         let (theirs, folder) = (slot.clone(), open.folder().to_owned());
         let job = Job::start(slot.file.clone(), waker(ctx), move |p| {
-            files::load_slot(&theirs, &folder, Limits::default(), p)
+            files::fill_slot(&theirs, &folder, false, Limits::default(), p)
         });
         self.filling = Some((job, number, slot, false));
     }
@@ -143,7 +150,7 @@ impl Editor {
                 }
                 (Err(error), Some(_)) if is_cancelled(&error) => {}
                 (Err(error), Some(_)) => {
-                    self.banner = Some(Banner::new(format!("{error:#}. The figure is as it was")));
+                    self.banner = Some(Banner::new(format!("{}. The figure is as it was", wording::sentence(&error))));
                 }
                 // Not asked for again and again.
                 (Err(_), None) => open.keep_selections(slot, &volume, Arc::default()),
@@ -170,7 +177,7 @@ impl Editor {
         let slot = match files::file_name(path) {
             Ok(file) => SelectionSlot::new(&name, &object.volume, file),
             Err(error) => {
-                self.banner = Some(Banner::new(format!("{error:#}")));
+                self.banner = Some(Banner::new(wording::sentence(&error)));
                 return;
             }
         };
@@ -188,15 +195,21 @@ impl Editor {
         let Some(slot) = open.document.figure().volumes.get(number) else { return };
         match files::slot_for(slot, path) {
             Ok(slot) => self.fill_with(ctx, number, slot, self.limits),
-            Err(error) => self.banner = Some(Banner::new(format!("{error:#}"))),
+            Err(error) => self.banner = Some(Banner::new(wording::sentence(&error))),
         }
     }
 
     /// Reads what a slot names, if it is within the limits; once it is there, it takes the place of slot `number`.
     pub(super) fn fill_with(&mut self, ctx: &Context, number: usize, slot: VolumeSlot, limits: Limits) {
         let folder = self.open.as_ref().map(|open| open.folder().to_owned()).unwrap_or_default();
+        let present = self.open.as_ref().and_then(|open| open.document.figure().volumes.get(number));
+        // What is made for colors suits no values, and the other way around.
+        let has_new_look = present.is_some_and(|p| p.file == slot.file && p.labels != slot.labels);
         let theirs = slot.clone();
-        let job = Job::start(slot.file.clone(), waker(ctx), move |p| files::load_slot(&theirs, &folder, limits, p));
+        let job = Job::start(slot.file.clone(), waker(ctx), move |p| {
+            files::fill_slot(&theirs, &folder, has_new_look, limits, p)
+        });
+        self.answered = None;
         self.filling = Some((job, number, slot, true));
     }
 
@@ -210,15 +223,29 @@ impl Editor {
     }
 
     /// A volume is read as it was answered.
-    pub(super) fn volume_chosen(&mut self, ctx: &Context, choice: &VolumeChoice) {
+    pub(super) fn volume_chosen(&mut self, ctx: &Context, choice: Box<VolumeChoice>) {
         match (choice.answer(), choice.place) {
             (Ok((slot, limits)), Some(number)) => self.fill_with(ctx, number, slot, limits),
             (Ok((slot, limits)), None) => {
                 let title = slot.file.clone();
                 self.begin_loading(Job::start(title, waker(ctx), move |p| files::undressed(slot, limits, p)));
             }
-            (Err(error), _) => self.banner = Some(Banner::new(format!("{error:#}"))),
+            (Err(error), _) => {
+                self.dialog = Some(Dialog::Volume(Box::new(choice.refused(wording::sentence(&error)))));
+                return;
+            }
         }
+        self.answered = Some(choice);
+    }
+
+    /// Asks once more how a volume shall be read, with why it could not be read as it was answered; whether it had been asked.
+    pub(super) fn ask_again(&mut self, fault: &str) -> bool {
+        let answered = self.answered.take();
+        let asks = answered.is_some();
+        if let Some(choice) = answered {
+            self.dialog = Some(Dialog::Volume(Box::new(choice.refused(fault.to_owned()))));
+        }
+        asks
     }
 
     pub(super) fn show_loaded(&mut self, ctx: &Context, loaded: Loaded) {
@@ -259,7 +286,7 @@ impl Editor {
             drop(autosave.close());
         }
         self.open = None;
-        (self.filling, self.searching, self.asking, self.missing) = (None, None, None, None);
+        (self.filling, self.searching, self.asking, self.missing, self.answered) = (None, None, None, None, None);
         self.selecting = None;
         (self.banner, self.notice) = (None, Notice::default());
         self.viewport.picture.clear();
@@ -296,6 +323,20 @@ impl Editor {
         (self.recents, self.orphans) = (self.session.recents(), self.session.recoverable());
         self.layout.pictures.clear();
     }
+}
+
+/// A volume takes the place of a slot's, with a look of its own if it needs one: one step.
+fn use_volume(open: &mut OpenFigure, number: usize, slot: VolumeSlot, look: Option<ObjectTemplate>) {
+    let command = Command::SetVolume { slot: number, volume: slot.clone() };
+    let Some(look) = look else { return open.edit(command) };
+    let objects = open.document.figure().objects.iter().map(|o| o.volume == slot.name).collect::<Vec<_>>();
+    open.document.begin();
+    for object in (0..objects.len()).filter(|i| objects[*i]) {
+        open.edit(Command::SetTransferFunction { object, function: look.transfer_function.clone() });
+        open.edit(Command::SetGradientScale { object, scale_mm: look.gradient_scale_mm });
+    }
+    open.edit(command);
+    open.document.commit();
 }
 
 /// What to say where a volume's values are of another kind than those of the volume before it.

@@ -2,7 +2,7 @@
 
 use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Response, Ui, WidgetText};
 use fabrica_engine::read::limits::bytes_in_words;
-use fabrica_engine::volume::Volume;
+use fabrica_engine::volume::{Volume, type_in_words};
 
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
@@ -282,7 +282,12 @@ fn frame(ui: &mut Ui, slot: &VolumeSlot, num_frames: usize) -> Option<VolumeSlot
 fn description(volume: &Volume) -> Vec<String> {
     let [x, y, z] = volume.grid.dims();
     let mm = volume.grid.spacing_mm();
-    let kind = if volume.colors.is_some() { "colors" } else { volume.voxels.type_name() };
+    let kind = match (&volume.colors, volume.labels.iter().map(|layer| layer.labels.len() - 1).sum()) {
+        (None, _) => type_in_words(volume.voxels.type_name()).to_owned(),
+        (Some(_), 0) => "colors".to_owned(),
+        (Some(_), 1) => "colors of 1 structure".to_owned(),
+        (Some(_), n) => format!("colors of {n} structures"),
+    };
     let mut lines = vec![
         format!("{x} x {y} x {z} voxels"),
         format!("of {} x {} x {} mm", shorter(mm.x), shorter(mm.y), shorter(mm.z)),

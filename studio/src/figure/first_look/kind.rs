@@ -78,6 +78,15 @@ fn has_few_values(statistics: &Statistics) -> bool {
     values.len() <= 10
 }
 
+/// The larger value of a volume that has two of them, the voxels of a mask.
+pub fn mask_value(volume: &Volume, statistics: &Statistics) -> Option<f64> {
+    let is_end = |value: f64| value == statistics.min || value == statistics.max;
+    let has_two = with_voxels!(&volume.voxels, voxels => {
+        voxels.iter().all(|v| is_end(volume.rescale.value(v.to_f64())))
+    });
+    has_two.then_some(statistics.max)
+}
+
 /// Of the voxels above the background that belong to something, the share that has the same value as the next one along x.
 /// Images have noise, numbers of structures have none.
 fn share_of_equal_neighbors(volume: &Volume, statistics: &Statistics) -> f64 {

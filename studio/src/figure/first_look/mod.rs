@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use fabrica_engine::read::limits::Limits;
-use fabrica_engine::read::{self, ReadOptions};
+use fabrica_engine::read::{self, Numbers, ReadOptions};
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::statistics::Statistics;
@@ -20,7 +20,7 @@ use serde_json::Map;
 use self::kind::Kind;
 use super::bridge;
 use super::framing::{self, Frame, View};
-use super::source::VolumeSource;
+use super::source::{VolumeSource, within_memory};
 use super::template::{
     Background, CameraTemplate, Domain, LookTemplate, NodeTemplate, ObjectTemplate, Page, ProjectionName, QualityName,
     Reference, RegionTemplate, Template, TransferFunctionTemplate, VERSION, VolumeSlot,
@@ -45,36 +45,95 @@ fn name(file: &str) -> String {
     last.split('.').find(|part| !part.is_empty()).unwrap_or(last).to_owned()
 }
 
-/// Reads what a slot names (relative to the current folder), if it is within `limits`, and gives it a first look. Label maps are
-/// read as the colors of their structures.
+/// A volume with its first look.
+pub struct Opened {
+    /// The figure, whose slot says how the volume was read.
+    pub figure: Template,
+    /// The volume; a label map in the colors of its structures.
+    pub volume: Arc<Volume>,
+    /// Why its numbers were taken for names of structures, where no file says that they are: a sentence.
+    pub guess: Option<String>,
+}
+
+/// Reads what a slot names (relative to the current folder), if it is within `limits`, and gives it a first look. `numbers` says
+/// what its numbers are taken for; without a word, label maps are read as the colors of their structures, those that say that
+/// they are and those that look like it.
 ///
 /// # Errors
 /// One sentence from the reader.
-pub fn open(mut slot: VolumeSlot, limits: Limits, progress: &Progress) -> Result<(Template, Arc<Volume>)> {
+pub fn open(mut slot: VolumeSlot, numbers: Option<Numbers>, limits: Limits, progress: &Progress) -> Result<Opened> {
     let source = VolumeSource::parse(&slot.file, Path::new(""))?;
     let options = ReadOptions { limits, ..slot.options()? };
-    let mut volume = source.load(&options, progress)?;
-    if let VolumeSource::Path(_) = source
-        && Kind::of(&volume, volume.statistics(progress)?) == Kind::Labels
-    {
-        match source.load(&ReadOptions { labels_as_colors: true, ..options }, progress) {
-            Ok(colors) => (volume, slot.labels) = (colors, true),
-            Err(error) if matches!(error.downcast_ref(), Some(Error::Cancelled)) => return Err(error),
-            // Numbers that turn out to be no structures, or whose colors are too many, are drawn as numbers.
-            Err(_) => {}
+    let read = |numbers| source.load(&ReadOptions { numbers, ..options.clone() }, progress);
+    let numbers = if slot.labels { Some(Numbers::Structures) } else { numbers };
+    let mut guess = None;
+    let volume = match (&source, numbers) {
+        (VolumeSource::Specimen(_), None) => read(Numbers::Values)?,
+        (_, Some(numbers)) => read(numbers)?,
+        (VolumeSource::Path(_), None) => {
+            let volume = match read(Numbers::AsStated) {
+                // Structures that cannot be read, or whose colors are too many, are drawn as numbers.
+                Err(error) if is_about_the_volume(&error) => read(Numbers::Values)?,
+                other => other?,
+            };
+            let why = if volume.colors.is_none() { taken_for_labels(&volume, progress)? } else { None };
+            let structures = why.is_some().then(|| in_colors(&volume, &options, &read));
+            match structures {
+                Some(Ok(colors)) => {
+                    guess = why;
+                    colors
+                }
+                Some(Err(error)) if matches!(error.downcast_ref(), Some(Error::Cancelled)) => return Err(error),
+                _ => volume,
+            }
         }
-    }
+    };
+    slot.labels = !volume.labels.is_empty();
     if let VolumeSource::Path(path) = &source {
         name_the_folder(&mut slot, path, &volume, progress)?;
     }
-    Ok((first_look(&volume, slot, progress)?, volume))
+    Ok(Opened { figure: first_look(&volume, slot, progress)?, volume, guess })
+}
+
+/// Whether another way of reading may help: not where somebody has to choose, or wants no more.
+fn is_about_the_volume(error: &anyhow::Error) -> bool {
+    matches!(error.downcast_ref(), Some(Error::File { .. } | Error::TooLarge(_)))
+}
+
+/// The structures of a volume of numbers that is in memory; read once more where several voxels became one, as numbers have no
+/// mean.
+fn in_colors(
+    volume: &Volume,
+    options: &ReadOptions,
+    read: &impl Fn(Numbers) -> Result<Arc<Volume>>,
+) -> Result<Arc<Volume>> {
+    if options.window.reduce != [1; 3] {
+        return read(Numbers::Structures);
+    }
+    Ok(Arc::new(read::in_structures_colors(volume, &within_memory(options).limits)?))
+}
+
+/// Why the numbers of a volume are taken for names of structures, in a sentence, if they are: they look like it.
+///
+/// # Errors
+/// [`Error::Cancelled`] on request.
+pub fn taken_for_labels(volume: &Volume, progress: &Progress) -> Result<Option<String>> {
+    let statistics = volume.statistics(progress)?;
+    if Kind::of(volume, statistics) != Kind::Labels {
+        return Ok(None);
+    }
+    Ok(Some(match kind::mask_value(volume, statistics) {
+        Some(value) => format!("Taken for a mask, as its only values are {} and {value}.", statistics.min),
+        None => "Taken for a label map, as its values look like numbers of structures.".to_owned(),
+    }))
 }
 
 /// A slice that stands for its series is named by their folder: the names of slices are often identifiers of the scan, and one
 /// slice that is missing shall not take the figure with it.
 fn name_the_folder(slot: &mut VolumeSlot, path: &Path, volume: &Volume, progress: &Progress) -> Result<()> {
     let Some(folder) = path.parent().and_then(Path::to_str).filter(|f| !f.is_empty()) else { return Ok(()) };
-    if !path.is_file() || volume.format != "DICOM" || slot.series.is_some() {
+    let is_slice = ["DICOM", "TIFF slices", "PNG slices"].contains(&volume.format.as_str());
+    if !path.is_file() || !is_slice || slot.series.is_some() {
         return Ok(());
     }
     let Ok(entries) = read::survey(Path::new(folder), &ReadOptions::default(), progress) else { return Ok(()) };
@@ -88,18 +147,26 @@ fn name_the_folder(slot: &mut VolumeSlot, path: &Path, volume: &Volume, progress
     Ok(())
 }
 
+/// What `volume`, which `slot` names, is dressed in by the kind of data that it is.
+///
+/// # Errors
+/// [`fabrica_engine::Error::Cancelled`] on request.
+pub fn look(volume: &Volume, slot: &VolumeSlot, progress: &Progress) -> Result<ObjectTemplate> {
+    let statistics = volume.statistics(progress)?;
+    let (kind, view) = (Kind::of(volume, statistics), View::of(&volume.grid));
+    let object = Look::of(kind, view, volume, statistics).object(&slot.name);
+    // A folder is seldom called after what is in it.
+    let named = Some(volume.description.clone()).filter(|d| !d.is_empty()).unwrap_or_else(|| name(&slot.file));
+    Ok(ObjectTemplate { name: named, ..object })
+}
+
 /// A template for `volume`, which `slot` names: a look by the kind of data, seen so that it fills the page.
 ///
 /// # Errors
 /// [`fabrica_engine::Error::Cancelled`] on request.
 pub fn first_look(volume: &Arc<Volume>, slot: VolumeSlot, progress: &Progress) -> Result<Template> {
-    let statistics = volume.statistics(progress)?;
     let view = View::of(&volume.grid);
-    let kind = Kind::of(volume, statistics);
-    let look = Look::of(kind, view, volume, statistics);
-    // A folder is seldom called after what is in it.
-    let named = Some(volume.description.clone()).filter(|d| !d.is_empty()).unwrap_or_else(|| name(&slot.file));
-    let object = ObjectTemplate { name: named, ..look.object(&slot.name) };
+    let object = look(volume, &slot, progress)?;
     let mut template = Template {
         fabrica: VERSION,
         title: String::new(),

@@ -16,8 +16,30 @@ fn the_phantom_lies_where_it_is_in_every_orientation_and_syntax() {
         let volume = read(folder.path()).unwrap();
         Phantom::assert_in_world(&volume);
         assert_eq!(volume.warnings, Vec::<String>::new(), "{letters}");
+        assert!(volume.orientation.is_known());
         // One slice stands for its series.
         Phantom::assert_in_world(&read(&paths[1]).unwrap());
+    }
+}
+
+#[test]
+fn slices_without_a_place_are_known_to_lie_anywhere() {
+    // Without positions, the directions of rows and columns do not tell which end is up; without those, nothing does.
+    for (tags, num_slices, is_known) in [
+        (&[tags::IMAGE_POSITION_PATIENT][..], 3, false),
+        (&[tags::IMAGE_POSITION_PATIENT], 1, true),
+        (&[tags::IMAGE_POSITION_PATIENT, tags::IMAGE_ORIENTATION_PATIENT], 1, false),
+    ] {
+        let folder = Folder::new();
+        let mut slices = slices("LPS");
+        slices.truncate(num_slices);
+        for slice in &mut slices {
+            assert!(tags.iter().all(|tag| slice.remove_element(*tag)));
+        }
+        write(&folder, &slices, EXPLICIT);
+        let volume = read(folder.path()).unwrap();
+        assert_eq!(volume.orientation.is_known(), is_known, "{num_slices} without {tags:?}");
+        assert_eq!(volume.warnings.iter().any(|w| w.contains("how it lies in the body")), !is_known);
     }
 }
 
