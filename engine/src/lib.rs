@@ -14,6 +14,7 @@ pub mod read;
 pub mod reference;
 pub mod render;
 pub mod scene;
+pub mod slice;
 pub mod spaces;
 pub mod specimen;
 pub mod styles;
