@@ -6,6 +6,7 @@
 
 pub mod anatomical;
 
+use std::hint::black_box;
 use std::num::NonZero;
 use std::ops::Range;
 
@@ -133,10 +134,9 @@ pub fn resample<T: Texel, P: Copy + Default + Send>(
     let num_threads = (num_samples / SAMPLES_PER_THREAD).clamp(1, cores);
     let rows_each = size[1].div_ceil(num_threads).max(1);
     let band = |first: usize, pixels: &mut [P]| {
+        let mut row_of_samples = Row::default();
         for (y, row) in (first..).zip(pixels.chunks_mut(size[0].max(1))) {
-            for (x, out) in row.iter_mut().enumerate() {
-                *out = pixel([x, y], lattice.pixel(x, y));
-            }
+            lattice.row(y, row.len(), &mut row_of_samples, |x, sample| row[x] = pixel([x, y], sample));
         }
     };
     std::thread::scope(|scope| {
@@ -186,68 +186,79 @@ impl<'a, T: Texel> Lattice<'a, T> {
         }
     }
 
-    fn pixel(&self, x: usize, y: usize) -> Sample<T::Value> {
-        let middle = self.origin + x as f64 * self.right + y as f64 * self.down;
+    /// The pixels of row `y`, one by one.
+    fn row(&self, y: usize, width: usize, row: &mut Row<T::Value>, mut pixel: impl FnMut(usize, Sample<T::Value>)) {
         let [across, along] = self.subsamples;
-        if across * along == 1 {
-            return self.sample(middle);
-        }
         let offset = |i: usize, n: usize| (i as f64 + 0.5) / n as f64 - 0.5;
-        let (mut mean, mut num_data, mut num_gaps) = (None, 0_usize, 0);
+        row.means.clear();
+        row.means.resize(width, Mean::default());
         for j in 0..along {
-            let row = middle + offset(j, along) * self.down;
-            for i in 0..across {
-                match self.sample(row + offset(i, across) * self.right) {
-                    Sample::Outside => {}
-                    Sample::Gap => num_gaps += 1,
-                    Sample::Data(value) => {
-                        num_data += 1;
-                        // A running mean keeps a constant.
-                        mean = Some(mean.map_or(value, |mean| mean + (value - mean) * (num_data as f64).recip()));
-                    }
+            let start = self.origin + (y as f64 + offset(j, along)) * self.down + offset(0, across) * self.right;
+            let step = self.right * (across as f64).recip();
+            row.cells.clear();
+            row.cells.extend((0..width * across).map(|i| {
+                let cell = self.cell(start + i as f64 * step);
+                // Across the rows of the memory every sample waits for it. Asked for here, where there is little else to do,
+                // many are on their way at once (three times as fast).
+                if let Some(cell) = &cell {
+                    black_box(self.voxels[cell.first + cell.steps[1] + cell.steps[2]]);
                 }
+                cell
+            }));
+            if across * along == 1 {
+                row.cells.iter().enumerate().for_each(|(x, cell)| pixel(x, self.sample(cell.as_ref())));
+                return;
+            }
+            for (mean, cells) in row.means.iter_mut().zip(row.cells.chunks(across)) {
+                cells.iter().for_each(|cell| mean.add(self.sample(cell.as_ref())));
             }
         }
-        match mean {
-            _ if 2 * (num_data + num_gaps) < across * along => Sample::Outside,
-            Some(mean) if num_data >= num_gaps => Sample::Data(mean),
-            _ => Sample::Gap,
-        }
+        row.means.iter().enumerate().for_each(|(x, mean)| pixel(x, mean.sample(across * along)));
     }
 
-    fn sample(&self, p: DVec3) -> Sample<T::Value> {
-        let dims = DVec3::from_array(self.dims.map(|n| n as f64));
+    /// The voxels around a place in index space; none outside.
+    fn cell(&self, p: DVec3) -> Option<Cell> {
+        let last = DVec3::from_array(self.dims.map(|n| n as f64 - 1.0));
         // NaN is outside too.
-        if !(p.cmpge(DVec3::splat(-REACH)) & p.cmple(dims - 1.0 + REACH)).all() {
-            return Sample::Outside;
+        if !(p.cmpge(DVec3::splat(-REACH)) & p.cmple(last + REACH)).all() {
+            return None;
         }
-        let p = p.clamp(DVec3::ZERO, dims - 1.0);
+        let p = p.clamp(DVec3::ZERO, last);
+        let p = if self.filter == Filter::Nearest { (p + 0.5).floor().min(last) } else { p };
         let [nx, ny, _] = self.dims;
-        let at = |x: usize, y: usize, z: usize| self.voxels[x + nx * (y + ny * z)].value();
-        let checked = |value| if T::is_data(value) { Sample::Data(value) } else { Sample::Gap };
-        if self.filter == Filter::Nearest {
-            let [x, y, z] = (p + 0.5).to_array().map(|x| x as usize);
-            return checked(at(x.min(nx - 1), y.min(ny - 1), z.min(self.dims[2] - 1)));
+        let mut cell = Cell { first: 0, steps: [0; 3], weights: [0.0; 3] };
+        for (axis, stride) in [1, nx, nx * ny].into_iter().enumerate() {
+            // By way of i64, whose cast is a single instruction.
+            let at = p[axis] as i64;
+            let weight = p[axis] - at as f64;
+            cell.first += stride * at as usize;
+            // Where there is no way to the next voxel, it need not exist.
+            if weight > 0.0 {
+                (cell.steps[axis], cell.weights[axis]) = (stride, weight);
+            }
         }
-        let axis = |i: usize| {
-            let first = p[i] as usize;
-            (first, (first + 1).min(self.dims[i] - 1), p[i] - first as f64)
+        Some(cell)
+    }
+
+    fn sample(&self, cell: Option<&Cell>) -> Sample<T::Value> {
+        let Some(&Cell { first, steps: [right, down, deep], weights: [wx, wy, wz] }) = cell else {
+            return Sample::Outside;
         };
-        let ((x0, x1, wx), (y0, y1, wy), (z0, z1, wz)) = (axis(0), axis(1), axis(2));
+        let at = |i: usize| self.voxels[i].value();
         // Keeps a constant exactly, which a(1 − w) + bw does not.
         let lerp = |a: T::Value, b: T::Value, w: f64| a + (b - a) * w;
-        let along_x = |y: usize, z: usize| lerp(at(x0, y, z), at(x1, y, z), wx);
-        let along_y = |z: usize| lerp(along_x(y0, z), along_x(y1, z), wy);
-        let value = lerp(along_y(z0), along_y(z1), wz);
+        let line = |i: usize| if right == 0 { at(i) } else { lerp(at(i), at(i + right), wx) };
+        let layer = |i: usize| if down == 0 { line(i) } else { lerp(line(i), line(i + down), wy) };
+        let value = if deep == 0 { layer(first) } else { lerp(layer(first), layer(first + deep), wz) };
         if T::is_data(value) {
             return Sample::Data(value);
         }
         // What of the eight has data, by its weight.
         let (mut sum, mut total) = (None, 0.0);
-        for (z, wz) in [(z0, 1.0 - wz), (z1, wz)] {
-            for (y, wy) in [(y0, 1.0 - wy), (y1, wy)] {
-                for (x, wx) in [(x0, 1.0 - wx), (x1, wx)] {
-                    let (value, weight) = (at(x, y, z), wx * wy * wz);
+        for (z, wz) in [(0, 1.0 - wz), (deep, wz)] {
+            for (y, wy) in [(0, 1.0 - wy), (down, wy)] {
+                for (x, wx) in [(0, 1.0 - wx), (right, wx)] {
+                    let (value, weight) = (at(first + x + y + z), wx * wy * wz);
                     if weight > 0.0 && T::is_data(value) {
                         total += weight;
                         let so_far = sum.unwrap_or(value);
@@ -258,6 +269,66 @@ impl<'a, T: Texel> Lattice<'a, T> {
         }
         match sum {
             Some(sum) if total >= 0.5 => Sample::Data(sum),
+            _ => Sample::Gap,
+        }
+    }
+}
+
+/// Eight voxels, or fewer where a place lies on a line between them.
+#[derive(Clone, Copy)]
+struct Cell {
+    /// Position of the first in memory.
+    first: usize,
+    /// From it to its neighbors along x, y, z; 0 where the place does not lie between two.
+    steps: [usize; 3],
+    /// How far the place is on the way to them, from 0 to 1.
+    weights: [f64; 3],
+}
+
+/// What a row of pixels is made with.
+struct Row<V> {
+    cells: Vec<Option<Cell>>,
+    means: Vec<Mean<V>>,
+}
+
+impl<V> Default for Row<V> {
+    fn default() -> Self {
+        Self { cells: Vec::new(), means: Vec::new() }
+    }
+}
+
+/// The mean of the samples of a pixel.
+#[derive(Clone, Copy)]
+struct Mean<V> {
+    value: Option<V>,
+    num_data: usize,
+    num_gaps: usize,
+}
+
+impl<V> Default for Mean<V> {
+    fn default() -> Self {
+        Self { value: None, num_data: 0, num_gaps: 0 }
+    }
+}
+
+impl<V: Quantity> Mean<V> {
+    fn add(&mut self, sample: Sample<V>) {
+        match sample {
+            Sample::Outside => {}
+            Sample::Gap => self.num_gaps += 1,
+            Sample::Data(value) => {
+                self.num_data += 1;
+                // As a running mean it keeps a constant.
+                let mean = self.value.unwrap_or(value);
+                self.value = Some(mean + (value - mean) * (self.num_data as f64).recip());
+            }
+        }
+    }
+
+    fn sample(&self, num_samples: usize) -> Sample<V> {
+        match self.value {
+            _ if 2 * (self.num_data + self.num_gaps) < num_samples => Sample::Outside,
+            Some(mean) if self.num_data >= self.num_gaps => Sample::Data(mean),
             _ => Sample::Gap,
         }
     }
@@ -322,7 +393,8 @@ pub fn value_at(volume: &Volume, position_mm: DVec3, filter: Filter) -> Sample<f
     let plane = Plane { origin_mm: position_mm, right_mm: DVec3::ZERO, down_mm: DVec3::ZERO, size: [1, 1] };
     let grid = &volume.grid;
     let sample = with_voxels!(&volume.voxels, voxels => {
-        Lattice::new(Field { grid, voxels: &voxels[..] }, &plane, filter).pixel(0, 0)
+        let lattice = Lattice::new(Field { grid, voxels: &voxels[..] }, &plane, filter);
+        lattice.sample(lattice.cell(lattice.origin).as_ref())
     });
     match sample {
         Sample::Data(stored) => Sample::Data(volume.rescale.value(stored)),

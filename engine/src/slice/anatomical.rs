@@ -74,6 +74,8 @@ pub struct Frame {
     pub up: DVec3,
     /// Across both, to the side where positions grow: superior, anterior or right.
     pub normal: DVec3,
+    /// From a place on a slice to the same place on the next, mm: along the normal, or along an index axis of a grid that is sheared.
+    pub advance_mm: DVec3,
     /// Position, along the normal from the world's origin, of the middle of the slice that comes first, mm.
     pub first_mm: f64,
     /// From slice to slice, mm; above 0.
@@ -103,6 +105,7 @@ impl Frame {
         let normal = if normal.dot(step(across)) < 0.0 { -normal } else { normal };
         let is_flipped = orientation == Orientation::Sagittal || convention == Convention::Radiological;
         let step_mm = normal.dot(step(across));
+        let advance_mm = if is_upright { step_mm * normal } else { step(across) };
         let num_slices = grid.dims()[nearest.iter().position(|n| *n == across).unwrap_or(across)];
         let middle = DVec3::from_array(grid.dims().map(|n| 0.5 * (n as f64 - 1.0)));
         let middle_mm = normal.dot(grid.world_from_index().transform_point3(middle));
@@ -110,6 +113,7 @@ impl Frame {
             right: if is_flipped { -aside } else { aside },
             up,
             normal,
+            advance_mm,
             first_mm: middle_mm - 0.5 * step_mm * (num_slices as f64 - 1.0),
             step_mm,
             num_slices,
@@ -142,10 +146,11 @@ impl Frame {
         self.first_mm + self.step_mm * slice as f64
     }
 
-    /// A place moved along the normal to a position.
+    /// The same place on the slice at a position: the positions along the other two orientations' normals stay, and with them the
+    /// other two indices of a voxel.
     #[must_use]
     pub fn moved_to(&self, place_mm: DVec3, position_mm: f64) -> DVec3 {
-        place_mm + (position_mm - self.position_mm(place_mm)) * self.normal
+        place_mm + (position_mm - self.position_mm(place_mm)) / self.step_mm * self.advance_mm
     }
 
     /// What a grid takes of the picture, as positions along `right` and `up` from the world's origin: least and most, mm.

@@ -304,6 +304,12 @@ fn frames_are_the_patients_or_the_slices_own() {
                     let n = place[across] as usize;
                     assert!(slice == n || slice == frame.num_slices - 1 - n, "{orientation:?} {place}: {slice}");
                     assert!((frame.slice_mm(slice) - position).abs() < 1e-9);
+                    // On another slice it is the same voxel but for that index.
+                    let moved = frame.moved_to(grid.world_from_index().transform_point3(place), frame.slice_mm(0));
+                    let mut by = grid.index_from_world().transform_point3(moved) - place;
+                    assert!((by[across].abs() - slice as f64).abs() < 1e-9, "{place} {slice} {by}");
+                    by[across] = 0.0;
+                    assert!(by.length() < 1e-9, "{place}: {by}");
                 }
             }
         }

@@ -10,6 +10,7 @@ use eframe::egui::{
     PointerButton, Pos2, Rect, Response, Role, Sense, Stroke, TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo,
 };
 use fabrica_engine::pick::{Pick, pick};
+use fabrica_engine::scene::{Camera, Projection};
 use glam::{DVec2, DVec3};
 
 use super::gallery::{DraggedStyle, Gallery};
@@ -166,6 +167,10 @@ pub struct Viewport {
     motion: Option<(Motion, Pos2)>,
     /// What the hand can do here, for the status bar.
     pub hint: &'static str,
+    /// A place that is marked in the picture: world, mm.
+    pub marker_mm: Option<DVec3>,
+    /// What was asked about last, until somebody takes it.
+    asked: Option<Pick>,
 }
 
 /// What a drag does.
@@ -212,6 +217,11 @@ impl Viewport {
         self.under.as_ref().and_then(|(_, _, under)| *under)
     }
 
+    /// What was asked about since this was called last.
+    pub fn take_asked(&mut self) -> Option<Pick> {
+        self.asked.take()
+    }
+
     /// Where the camera's frame lies, its picture, its gestures.
     pub fn show(
         &mut self,
@@ -245,6 +255,12 @@ impl Viewport {
             painter.image(texture.id(), frame, whole, tint);
         }
         paint_surroundings(&painter, frame, &open.document.figure().camera, &page, ui.ctx());
+        if let Some(marker_mm) = self.marker_mm
+            && let Some(scene) = open.scene(gallery.library())
+            && let Some(at) = seen_at(&scene.camera, marker_mm)
+        {
+            mark(&painter.with_clip_rect(frame), frame.center() + frame.height() * at);
+        }
         cube(ui, open, Pos2::new(area.left() + 3.2 * CUBE, area.bottom() - 3.2 * CUBE));
 
         self.hover(ui, &response, open, gallery, frame, size);
@@ -389,6 +405,7 @@ impl Viewport {
         if let Some(pick) = &pick {
             open.node = Some(nearest_node(open, pick));
         }
+        self.asked = pick;
         self.answer = pick.map(|pick| Answer { at, pick, figure });
     }
 
@@ -476,6 +493,29 @@ fn wheel(ui: &Ui, response: &Response, open: &mut OpenFigure, frame: Rect) {
     let place = [f64::from(from_middle.x) / height, -f64::from(from_middle.y) / height];
     let camera = view::dolly(&open.document.figure().camera, (f64::from(wheel) / 300.0).exp(), place);
     open.edit(Command::SetCamera(camera));
+}
+
+/// Where a place (world, mm) is seen, in heights of the picture to the right of its middle and down; none behind the eye.
+fn seen_at(camera: &Camera, place_mm: DVec3) -> Option<Vec2> {
+    let from_eye = place_mm - camera.eye_mm;
+    let depth = match camera.projection {
+        Projection::Perspective { .. } => from_eye.dot(camera.forward),
+        Projection::Orthographic { .. } => 1.0,
+    };
+    let height = 2.0 * camera.half_height() * depth;
+    let at = Vec2::new((from_eye.dot(camera.right) / height) as f32, (-from_eye.dot(camera.up) / height) as f32);
+    (depth > 0.0 && at.is_finite()).then_some(at)
+}
+
+/// A small cross with a gap in the middle, on any background.
+fn mark(painter: &egui::Painter, at: Pos2) {
+    for (width, color) in [(4.0, Color32::WHITE), (2.0, theme::GIZMO)] {
+        for side in [Vec2::X, -Vec2::X, Vec2::Y, -Vec2::Y] {
+            // The edge goes around the ends, too.
+            let edge = 0.5 * (width - 2.0);
+            painter.line_segment([at + (4.0 - edge) * side, at + (11.0 + edge) * side], Stroke::new(width, color));
+        }
+    }
 }
 
 /// What somebody who does not see the picture is told of it.
@@ -583,6 +623,25 @@ mod tests {
             (PointerButton::Secondary, Modifiers::NONE, false, None),
         ] {
             assert_eq!(motion(button, modifiers, space), expected, "{button:?} {modifiers:?} {space}");
+        }
+    }
+
+    #[test]
+    fn what_a_ray_meets_is_seen_where_the_ray_began() {
+        use fabrica_engine::reference::ray::ray_from_pixel;
+        let size = [300, 200];
+        let projections = [Projection::Perspective { fov_y_deg: 35.0 }, Projection::Orthographic { height_mm: 90.0 }];
+        for projection in projections {
+            let (eye, forward) = (DVec3::new(30.0, -200.0, 40.0), DVec3::new(-0.1, 1.0, -0.2));
+            let camera = Camera::looking(eye, forward, DVec3::Z, projection).unwrap();
+            for [x, y] in [[0, 0], [150, 100], [299, 42], [17, 199]] {
+                let ray = ray_from_pixel(&camera, size, x, y);
+                let seen = seen_at(&camera, ray.origin_mm + 170.0 * ray.direction).unwrap();
+                let pixel = 200.0 * seen + Vec2::new(149.5, 99.5);
+                assert!((pixel - Vec2::new(x as f32, y as f32)).length() < 1e-3, "{x} {y}: {pixel}");
+            }
+            let behind = seen_at(&camera, eye - 10.0 * camera.forward);
+            assert_eq!(behind.is_some(), matches!(projection, Projection::Orthographic { .. }));
         }
     }
 

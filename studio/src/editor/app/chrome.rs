@@ -122,6 +122,7 @@ impl Editor {
             UiCommand::QualityStandard => quality == Some(QualityName::Standard),
             UiCommand::QualityFinal => quality == Some(QualityName::Final),
             UiCommand::History => self.layout.shows_history,
+            UiCommand::Slices => self.layout.shows_slices,
             _ => false,
         }
     }
@@ -143,14 +144,18 @@ impl Editor {
         let tokens = theme::tokens(ui.ctx());
         ui.horizontal(|ui| {
             if let Some(open) = &self.open {
-                if let Some(under) = self.viewport.under() {
+                if let Some(under) = self.slices.under().or(self.viewport.under()) {
                     ui.label(place(under.position_mm));
                     let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
-                    ui.label(format!("{:.1}{unit}", under.value));
+                    ui.label(if under.value.is_nan() {
+                        "no value".to_owned()
+                    } else {
+                        format!("{:.1}{unit}", under.value)
+                    });
                     ui.separator();
                 }
                 if !self.notice.is_fresh(ui.ctx()) && ui.ctx().content_rect().width() > WIDE {
-                    ui.label(theme::small(ui.ctx(), self.viewport.hint));
+                    ui.label(theme::small(ui.ctx(), self.slices.hint().unwrap_or(self.viewport.hint)));
                 }
             }
             if self.notice.is_fresh(ui.ctx()) {

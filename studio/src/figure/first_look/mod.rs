@@ -17,6 +17,7 @@ use fabrica_engine::{Error, Progress};
 use glam::DVec3;
 
 use self::kind::Kind;
+pub use self::kind::is_ct;
 use super::bridge;
 use super::framing::{self, Frame, View};
 use super::source::VolumeSource;
