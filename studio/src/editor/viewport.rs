@@ -543,7 +543,11 @@ fn paint_surroundings(
     ] {
         painter.text(at, anchor, letter, FontId::proportional(14.0), tokens.dim);
     }
-    let caption = format!("{} x {} mm   {} dpi", shorter(page.width_mm), shorter(page.height_mm), shorter(page.dpi));
+    let mut caption = format!("{} x {} mm", shorter(page.width_mm), shorter(page.height_mm));
+    // A small frame has the letter of its upper side there.
+    if frame.width() > 280.0 {
+        caption += &format!("   {} dpi", shorter(page.dpi));
+    }
     let at = frame.left_top() - Vec2::Y * 6.0;
     painter.text(at, Align2::LEFT_BOTTOM, caption, FontId::proportional(11.0), tokens.dim);
 }

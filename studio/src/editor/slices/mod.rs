@@ -157,8 +157,8 @@ impl SliceViews {
             }
             subject => {
                 let grid = &volume.grid;
-                let (low, high) = grid.index_box();
-                let middle = grid.world_from_index().transform_point3(0.5 * (low + high));
+                let middle = DVec3::from_array(grid.dims().map(|n| (n / 2) as f64));
+                let middle = grid.world_from_index().transform_point3(middle);
                 *subject = Some(Subject { volume: volume.clone(), is_labels, crosshair_mm: on_voxel(grid, middle) });
                 self.panes = Default::default();
                 (self.window, self.gesture) = (None, None);

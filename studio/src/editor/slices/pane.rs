@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use eframe::egui::{
-    self, Align2, Color32, ColorImage, CursorIcon, DragValue, Event, EventFilter, FontId, Key, Modifiers,
-    MouseWheelUnit, PointerButton, Pos2, Rect, Response, Role, Sense, Slider, Stroke, StrokeKind, TextureHandle,
-    TextureOptions, Ui, UiBuilder, Vec2, WidgetInfo,
+    self, Align, Align2, Color32, ColorImage, CursorIcon, DragValue, Event, EventFilter, FontId, Key, Layout,
+    Modifiers, MouseWheelUnit, PointerButton, Pos2, Rect, Response, Role, Sense, Slider, Stroke, StrokeKind,
+    TextureHandle, TextureOptions, Ui, UiBuilder, Vec2, WidgetInfo,
 };
 use fabrica_engine::slice::anatomical::{Convention, Frame, Orientation};
 use fabrica_engine::slice::{self, Filter, Plane, Sample, Window};
@@ -213,7 +213,8 @@ fn position_letters(orientation: Orientation) -> [char; 2] {
 
 /// "S 12.5 mm".
 fn position_text(orientation: Orientation, mm: f64) -> String {
-    let rounded = (mm * 1e3).round() / 1e3;
+    // Hundredths of a millimeter tell the slices of clinical scans apart, and of finer ones nobody reads the position.
+    let rounded = (mm * 100.0).round() / 100.0;
     format!("{} {} mm", position_letters(orientation)[usize::from(rounded < 0.0)], shorter(rounded.abs()))
 }
 
@@ -352,6 +353,16 @@ impl Pane {
         let double = [PointerButton::Primary, PointerButton::Secondary];
         if double.into_iter().any(|button| response.double_clicked_by(button)) {
             done.window = Some(None);
+        }
+        if std::env::var_os("DBG").is_some() {
+            let e = ui.input(|i| i.pointer.button_double_clicked(PointerButton::Primary));
+            eprintln!(
+                "{:?} clicked {} double {} {e} window {:?}",
+                context.orientation,
+                response.clicked(),
+                response.double_clicked(),
+                done.window
+            );
         }
         let Some(at) = response.hover_pos() else { return };
         ui.ctx().set_cursor_icon(CursorIcon::Crosshair);
@@ -557,26 +568,26 @@ fn head_of(ui: &mut Ui, context: &Context<'_>, frame: &Frame, head: Rect, positi
     ui.scope_builder(builder, |ui| {
         ui.horizontal_centered(|ui| {
             ui.label(egui::RichText::new(name).strong());
-            ui.spacing_mut().slider_width = (ui.available_width() - 96.0).max(24.0);
-            let slider = Slider::from_get_set(first..=last, |set| {
-                chosen = set.or(chosen);
-                position_mm
-            });
-            let tooltip = "Which slice is shown; wheel and Page Up or Down on the slice step through them";
             let enabled = frame.num_slices > 1;
-            let response = ui.add_enabled(enabled, slider.show_value(false));
-            response.accessible_name(format!("{name} slice")).on_hover_text(tooltip);
-            let mut typed = position_mm;
-            let number = DragValue::new(&mut typed)
-                .range(first..=last)
-                .speed(0.25 * frame.step_mm)
-                .update_while_editing(false)
-                .custom_formatter(|mm, _| position_text(context.orientation, mm))
-                .custom_parser(|text| parse_position(context.orientation, text));
-            let response = ui.add_enabled(enabled, number).accessible_name(format!("{name} position"));
-            if response.on_hover_text("Where it lies along the body, from the origin of the scan").changed() {
-                chosen = Some(typed);
-            }
+            let (mut typed, mut slid) = (position_mm, position_mm);
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                let number = DragValue::new(&mut typed)
+                    .range(first..=last)
+                    .speed(0.25 * frame.step_mm)
+                    .update_while_editing(false)
+                    .custom_formatter(|mm, _| position_text(context.orientation, mm))
+                    .custom_parser(|text| parse_position(context.orientation, text));
+                let response = ui.add_enabled(enabled, number).accessible_name(format!("{name} position"));
+                if response.on_hover_text("Where it lies along the body, from the origin of the scan").changed() {
+                    chosen = Some(typed);
+                }
+                ui.spacing_mut().slider_width = ui.available_width().max(24.0);
+                let tooltip = "Which slice is shown; wheel and Page Up or Down on the slice step through them";
+                let response = ui.add_enabled(enabled, Slider::new(&mut slid, first..=last).show_value(false));
+                if response.accessible_name(format!("{name} slice")).on_hover_text(tooltip).changed() {
+                    chosen = Some(slid);
+                }
+            });
         });
     });
     chosen
@@ -650,11 +661,11 @@ mod tests {
         for (orientation, mm, text) in [
             (Orientation::Axial, 12.5, "S 12.5 mm"),
             (Orientation::Axial, -3.0, "I 3 mm"),
-            (Orientation::Coronal, -0.0001, "A 0 mm"),
-            (Orientation::Sagittal, -7.25, "L 7.25 mm"),
+            (Orientation::Coronal, -0.001, "A 0 mm"),
+            (Orientation::Sagittal, -7.254, "L 7.25 mm"),
         ] {
             assert_eq!(position_text(orientation, mm), text);
-            assert!((parse_position(orientation, text).unwrap() - mm).abs() < 1e-3, "{text}");
+            assert!((parse_position(orientation, text).unwrap() - mm).abs() < 0.005, "{text}");
         }
         assert_eq!(parse_position(Orientation::Axial, "-12"), Some(-12.0));
         assert_eq!(parse_position(Orientation::Axial, "i 2*3 mm"), Some(-6.0));
