@@ -354,16 +354,6 @@ impl Pane {
         if double.into_iter().any(|button| response.double_clicked_by(button)) {
             done.window = Some(None);
         }
-        if std::env::var_os("DBG").is_some() {
-            let e = ui.input(|i| i.pointer.button_double_clicked(PointerButton::Primary));
-            eprintln!(
-                "{:?} clicked {} double {} {e} window {:?}",
-                context.orientation,
-                response.clicked(),
-                response.double_clicked(),
-                done.window
-            );
-        }
         let Some(at) = response.hover_pos() else { return };
         ui.ctx().set_cursor_icon(CursorIcon::Crosshair);
         // Pressed and let go within a frame it is no drag.
