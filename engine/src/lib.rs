@@ -15,6 +15,7 @@ pub mod reference;
 pub mod render;
 pub mod scene;
 pub mod selection;
+pub mod slice;
 pub mod spaces;
 pub mod specimen;
 pub mod styles;

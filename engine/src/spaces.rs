@@ -5,6 +5,21 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 
+/// The letters of the world axes' two ends.
+const LETTERS: [[char; 2]; 3] = [['R', 'L'], ['A', 'P'], ['S', 'I']];
+
+/// Towards which side of the body a direction (RAS, of any length) points: the letter that fits best first, then those that come
+/// near to it ("AL" for an oblique one).
+pub fn direction_letters(direction: DVec3) -> String {
+    let direction = direction.normalize_or_zero();
+    let mut axes = [0, 1, 2];
+    axes.sort_by(|&a, &b| direction[b].abs().total_cmp(&direction[a].abs()));
+    // Within 22.5° of an axis, it alone is meant.
+    let limit = std::f64::consts::FRAC_PI_8.sin();
+    let meant = axes.into_iter().enumerate().filter(|(i, axis)| *i == 0 || direction[*axis].abs() > limit);
+    meant.map(|(_, axis)| LETTERS[axis][usize::from(direction[axis] < 0.0)]).collect()
+}
+
 /// A voxel grid in the world: its size and where its voxel centers lie.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
@@ -78,16 +93,21 @@ impl Grid {
         self.world_from_index.matrix3.determinant() < 0.0
     }
 
-    /// The world direction that each index axis follows best, as letters ("RAS": x to the right, y to the
-    /// front, z up). Every axis gets a different pair, so that a 45° grid has three letters too.
-    pub fn orientation_letters(&self) -> String {
-        const LETTERS: [[char; 2]; 3] = [['R', 'L'], ['A', 'P'], ['S', 'I']];
+    /// The world axis (0: R, 1: A, 2: S) that each index axis follows best. Every index axis gets another one, so that a 45° grid
+    /// has three too.
+    pub fn nearest_world_axes(&self) -> [usize; 3] {
         const PERMUTATIONS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
         let axes = self.unit_axes();
         let fit = |p: &[usize; 3]| -> f64 { (0..3).map(|i| axes[i][p[i]].abs()).sum() };
-        let best =
-            PERMUTATIONS.iter().copied().reduce(|a, b| if fit(&b) > fit(&a) { b } else { a }).unwrap_or([0, 1, 2]);
-        (0..3).map(|i| LETTERS[best[i]][usize::from(axes[i][best[i]] < 0.0)]).collect()
+        PERMUTATIONS.iter().copied().reduce(|a, b| if fit(&b) > fit(&a) { b } else { a }).unwrap_or([0, 1, 2])
+    }
+
+    /// The world direction that each index axis follows best ([`Grid::nearest_world_axes`]), as letters ("RAS": x to the right,
+    /// y to the front, z up).
+    pub fn orientation_letters(&self) -> String {
+        let axes = self.unit_axes();
+        let nearest = self.nearest_world_axes();
+        (0..3).map(|i| LETTERS[nearest[i]][usize::from(axes[i][nearest[i]] < 0.0)]).collect()
     }
 
     /// Largest angle between an index axis and the world axis of its letter, in degrees (0 for an upright grid).

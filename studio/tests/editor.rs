@@ -6,12 +6,17 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
+use eframe::egui::{
+    Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, Rect, TouchPhase, Vec2,
+};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 use fabrica_engine::gpu::AdapterChoice;
+use fabrica_engine::slice::anatomical::{Convention, Orientation};
+use fabrica_studio::editor::slices::SliceViews;
 use fabrica_studio::editor::{Editor, Options, UiCommand};
 use fabrica_studio::figure::Template;
+use glam::DVec3;
 
 const FIGURE: &str = r##"{
   "fabrica": 1,
@@ -1069,4 +1074,297 @@ fn a_random_walk_through_the_window_can_be_undone_to_its_first_byte() {
     undo_all(&mut harness);
     assert_eq!(figure(&harness).to_json().unwrap(), first);
     settle(&mut harness);
+}
+
+/// The slices, which are shown.
+fn slices(harness: &Window) -> &SliceViews {
+    editor(harness).slices().unwrap()
+}
+
+/// Where a slice's picture is.
+fn slice_rect(harness: &Window, orientation: Orientation) -> Rect {
+    let name = format!("{} slice at", orientation.name());
+    harness.query_all_by_label_contains(&name).next().unwrap_or_else(|| panic!("no {name}")).rect()
+}
+
+fn turn_wheel(harness: &mut Window, at: Pos2, notches: f32, modifiers: Modifiers) {
+    harness.event(Event::PointerMoved(at));
+    harness.event(Event::ModifiersChanged(modifiers));
+    harness.step();
+    let (unit, phase) = (MouseWheelUnit::Line, TouchPhase::Move);
+    harness.event(Event::MouseWheel {
+        unit,
+        delta: Vec2::new(0.0, notches),
+        phase,
+        source: MouseWheelSource::Unknown,
+        modifiers,
+    });
+    // egui smooths what is turned over some frames.
+    for _ in 0..20 {
+        harness.step();
+    }
+    harness.event(Event::ModifiersChanged(Modifiers::NONE));
+    harness.step();
+}
+
+fn numbers(harness: &Window) -> [usize; 3] {
+    Orientation::ALL.map(|orientation| slices(harness).slice(orientation).unwrap().0)
+}
+
+#[test]
+fn q_shows_slices_and_the_wheel_steps_through_them() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    assert!(editor(&harness).slices().is_none());
+    let before = figure(&harness);
+    harness.key_press(Key::Q);
+    harness.step();
+    harness.step();
+    settle(&mut harness);
+    assert_eq!(slices(&harness).slice(Orientation::Axial), Some((8, 16)), "the middle of 16 layers");
+    let unnamed = harness.unnamed_widgets();
+    assert!(unnamed.is_empty(), "{unnamed:?}");
+    // The middle of raw voxels is the origin; they are a millimeter apart.
+    for name in [
+        "Axial slice at S 0.5 mm, radiological, R on the left, L on the right",
+        "Axial slice",
+        "Axial position",
+        "Window",
+    ] {
+        assert!(harness.query_all_by_label_contains(name).next().is_some(), "nothing is called {name}");
+    }
+    assert!(
+        harness.query_all_by_label_contains("Sagittal slice at R 0.5 mm, radiological, A on the left").next().is_some()
+    );
+    for (i, orientation) in Orientation::ALL.into_iter().enumerate() {
+        let at = slice_rect(&harness, orientation).center();
+        turn_wheel(&mut harness, at, 1.0, Modifiers::NONE);
+        let mut expected = [8; 3];
+        expected[i] = 9;
+        assert_eq!(numbers(&harness), expected, "{orientation:?}");
+        turn_wheel(&mut harness, at, -1.0, Modifiers::NONE);
+        assert_eq!(numbers(&harness), [8; 3], "{orientation:?}");
+        // With Ctrl it comes closer to what is under the pointer.
+        let off = at + Vec2::new(20.0, -10.0);
+        let aim = slices(&harness).aim(off).unwrap();
+        turn_wheel(&mut harness, off, 3.0, Modifiers::COMMAND);
+        let closer = slices(&harness).aim(off).unwrap();
+        assert!(closer.mm_per_point < 0.9 * aim.mm_per_point && closer.place_mm.distance(aim.place_mm) < 0.01);
+        assert_eq!(numbers(&harness), [8; 3], "{orientation:?}");
+    }
+    // At the ends it stays.
+    let at = slice_rect(&harness, Orientation::Coronal).center();
+    turn_wheel(&mut harness, at, 100.0, Modifiers::NONE);
+    assert_eq!(numbers(&harness), [8, 15, 8]);
+    turn_wheel(&mut harness, at, -100.0, Modifiers::NONE);
+    assert_eq!(numbers(&harness), [8, 0, 8]);
+    let zoomed = slices(&harness).aim(at).unwrap().mm_per_point;
+    run(&mut harness, UiCommand::Fit);
+    harness.step();
+    assert!(slices(&harness).aim(at).unwrap().mm_per_point > zoomed);
+    harness.key_press(Key::Q);
+    harness.step();
+    harness.step();
+    assert!(editor(&harness).slices().is_none() && harness.query_all_by_label_contains("Axial slice").next().is_none());
+    undo_all(&mut harness);
+    assert_eq!(figure(&harness), before);
+    settle(&mut harness);
+}
+
+#[test]
+fn the_crosshair_goes_where_the_hand_points() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    run(&mut harness, UiCommand::Slices);
+    settle(&mut harness);
+    let crosshair = |harness: &Window| slices(harness).crosshair_mm().unwrap();
+    assert_eq!(crosshair(&harness).to_array(), [0.5; 3]);
+    // Up and to the left in the axial slice is anterior and right.
+    let axial = slice_rect(&harness, Orientation::Axial);
+    let at = axial.center() + Vec2::new(-40.0, -25.0);
+    let aim = slices(&harness).aim(at).unwrap();
+    assert_eq!((aim.orientation, aim.view_direction.to_array()), (Orientation::Axial, [0.0, 0.0, 1.0]));
+    click(&mut harness, at);
+    let there = crosshair(&harness);
+    let voxel = |place: DVec3| ((place - 0.5).round() + 0.5).to_array();
+    assert_eq!(there.to_array(), voxel(aim.place_mm));
+    assert!(there.x > 0.5 && there.y > 0.5 && there.z == 0.5, "{there}");
+    assert!(slices(&harness).under().is_some_and(|under| (under.position_mm - aim.place_mm).length() < 1e-9));
+    // A drag ends where it ends; given up, it was not.
+    drag_from(&mut harness, axial.center(), axial.center() + Vec2::new(30.0, 0.0));
+    let dragged = crosshair(&harness);
+    assert!(dragged.x < 0.0 && dragged.y.abs() == 0.5 && dragged.z == 0.5, "{dragged}");
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, axial.center(), at, false);
+    assert!(crosshair(&harness) != dragged);
+    harness.key_press(Key::Escape);
+    harness.step();
+    assert_eq!(crosshair(&harness), dragged);
+    let up =
+        Event::PointerButton { pos: at, button: PointerButton::Primary, pressed: false, modifiers: Modifiers::NONE };
+    harness.event(up);
+    harness.step();
+    assert_eq!(crosshair(&harness), dragged);
+    // Shift and a move take all slices along; a bare move does not.
+    let coronal = slice_rect(&harness, Orientation::Coronal).center() + Vec2::new(25.0, 12.0);
+    harness.event(Event::PointerMoved(coronal));
+    harness.step();
+    assert_eq!(crosshair(&harness), dragged);
+    harness.event(Event::ModifiersChanged(Modifiers::SHIFT));
+    harness.event(Event::PointerMoved(coronal + Vec2::new(2.0, 2.0)));
+    harness.step();
+    harness.event(Event::ModifiersChanged(Modifiers::NONE));
+    harness.step();
+    let linked = crosshair(&harness);
+    let aim = slices(&harness).aim(coronal + Vec2::new(2.0, 2.0)).unwrap();
+    assert_eq!(linked.to_array(), voxel(aim.place_mm));
+    assert!(linked.y == dragged.y && linked.z < 0.5);
+    // By keys: the slice that was clicked has the focus.
+    click(&mut harness, axial.center() + Vec2::new(-3.0, -3.0));
+    for (key, expected) in [
+        (Key::ArrowLeft, [1.5, 0.5, linked.z]),
+        (Key::ArrowUp, [1.5, 1.5, linked.z]),
+        (Key::ArrowRight, [0.5, 1.5, linked.z]),
+        (Key::PageUp, [0.5, 1.5, linked.z + 1.0]),
+        (Key::PageDown, [0.5, 1.5, linked.z]),
+        (Key::ArrowDown, [0.5, 0.5, linked.z]),
+    ] {
+        harness.key_press(key);
+        harness.step();
+        harness.step();
+        assert_eq!(crosshair(&harness).to_array(), expected, "{key:?}");
+    }
+    // The figure's camera had no part in that.
+    assert!(editor(&harness).document().unwrap().undo_label().is_none());
+    // By its number.
+    click_on(&mut harness, "Coronal position");
+    enter(&mut harness, "p 4.4 mm");
+    assert_eq!((numbers(&harness)[1], crosshair(&harness).y), (3, -4.5));
+    // Beside the volume it stays in it.
+    click(&mut harness, axial.left_top() + Vec2::new(3.0, 3.0));
+    assert_eq!(crosshair(&harness).to_array(), [7.5, 7.5, linked.z]);
+    // Middle drag moves the picture and nothing else.
+    let aim = slices(&harness).aim(axial.center()).unwrap();
+    drag_between(
+        &mut harness,
+        PointerButton::Middle,
+        Modifiers::NONE,
+        axial.center(),
+        axial.center() + Vec2::new(31.0, 17.0),
+        true,
+    );
+    let moved = slices(&harness).aim(axial.center() + Vec2::new(31.0, 17.0)).unwrap();
+    assert!(moved.place_mm.distance(aim.place_mm) < 1e-3 && crosshair(&harness).to_array() == [7.5, 7.5, linked.z]);
+    settle(&mut harness);
+}
+
+#[test]
+fn what_is_clicked_in_the_figure_is_looked_at_in_slices() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    run(&mut harness, UiCommand::Slices);
+    settle(&mut harness);
+    let rect = harness.query_all_by_label_contains("Figure: ").next().unwrap().rect();
+    assert!(rect.left() > slice_rect(&harness, Orientation::Axial).center().x, "beside the axial slice");
+    click(&mut harness, rect.center());
+    harness.step();
+    let there = slices(&harness).crosshair_mm().unwrap();
+    // From the front, the ball's surface.
+    assert!(there.x.abs() < 1.0 && there.z.abs() < 1.0 && (3.0..7.0).contains(&there.y), "{there}");
+    // Beside the ball there is nothing to look at.
+    harness.key_press(Key::Escape);
+    harness.step();
+    click(&mut harness, rect.left_top() + Vec2::new(40.0, 40.0));
+    assert_eq!(slices(&harness).crosshair_mm(), Some(there));
+    settle(&mut harness);
+}
+
+#[test]
+fn windows_are_dragged_typed_and_reset() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    run(&mut harness, UiCommand::Slices);
+    settle(&mut harness);
+    let window = |harness: &Window| slices(harness).window().unwrap();
+    let first = window(&harness);
+    assert!(first.width > 50.0, "{first:?}");
+    let at = slice_rect(&harness, Orientation::Sagittal).center();
+    let to = at + Vec2::new(40.0, -30.0);
+    drag_between(&mut harness, PointerButton::Secondary, Modifiers::NONE, at, to, true);
+    let dragged = window(&harness);
+    assert!(dragged.width > first.width && dragged.level < first.level, "{dragged:?}");
+    drag_between(&mut harness, PointerButton::Secondary, Modifiers::NONE, at, to, false);
+    assert!(window(&harness) != dragged);
+    harness.key_press(Key::Escape);
+    harness.step();
+    assert_eq!(window(&harness), dragged);
+    let up =
+        Event::PointerButton { pos: to, button: PointerButton::Secondary, pressed: false, modifiers: Modifiers::NONE };
+    harness.event(up);
+    harness.step();
+    run(&mut harness, UiCommand::SliceWindow);
+    assert_eq!(window(&harness), first);
+    click_on(&mut harness, "Level");
+    enter(&mut harness, "2*60");
+    assert_eq!((window(&harness).level, window(&harness).width), (120.0, first.width));
+    // Two clicks in a row; with the one before they would be three.
+    for _ in 0..30 {
+        harness.step();
+    }
+    for _ in 0..2 {
+        click(&mut harness, at);
+    }
+    assert_eq!(window(&harness), first);
+    settle(&mut harness);
+}
+
+#[test]
+fn the_side_of_slices_is_said_and_kept() {
+    let place = Place::with_ball();
+    let state = place.path("state");
+    let window = |file: PathBuf| {
+        let state = state.clone();
+        let app = move |ui: &mut eframe::egui::Ui, editor: &mut Option<Editor>| {
+            let ctx = ui.ctx().clone();
+            let editor = editor.get_or_insert_with(|| {
+                let session = fabrica_studio::editor::session::Session::open(Some(state.clone()));
+                Editor::new(
+                    &ctx,
+                    Options { files: vec![file.clone()], session, ..Options::plain(AdapterChoice::Software) },
+                )
+            });
+            editor.ui(ui);
+        };
+        Harness::builder().with_size(Vec2::new(1000.0, 700.0)).with_step_dt(STEP).build_ui_state(app, None)
+    };
+    let mut first = window(place.path("figure.json"));
+    settle(&mut first);
+    let why = editor(&first).disabled(UiCommand::SliceSides);
+    assert_eq!(why, Some("Show slices first (Q)"));
+    run(&mut first, UiCommand::Slices);
+    settle(&mut first);
+    let there = slice_rect(&first, Orientation::Coronal).center() + Vec2::new(30.0, 0.0);
+    assert!(slices(&first).aim(there).unwrap().place_mm.x < 0.0, "the left is on the right");
+    click_on(&mut first, "Neurological");
+    first.step();
+    assert!(slices(&first).aim(there).unwrap().place_mm.x > 0.0);
+    for name in [
+        "Axial slice at S 0.5 mm, neurological, L on the left",
+        "Sagittal slice at R 0.5 mm, neurological, A on the left",
+    ] {
+        assert!(first.query_all_by_label_contains(name).next().is_some(), "nothing is called {name}");
+    }
+    // The figure has nothing to do with it.
+    assert!(first.query_all_by_label_contains("Figure: ball, seen from the front, R on the left").next().is_some());
+    first.state_mut().as_mut().unwrap().leave();
+    drop(first);
+    let mut second = window(place.path("figure.json"));
+    settle(&mut second);
+    assert_eq!(slices(&second).convention, Convention::Neurological);
+    run(&mut second, UiCommand::SliceSides);
+    second.step();
+    assert_eq!(slices(&second).convention, Convention::Radiological);
+    // Without its figure there is nothing to show.
+    run(&mut second, UiCommand::New);
+    second.step();
+    assert!(second.query_all_by_label_contains("slice at").next().is_none());
 }

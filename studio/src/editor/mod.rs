@@ -12,6 +12,7 @@ pub mod painter;
 pub mod panels;
 pub mod recovery;
 pub mod session;
+pub mod slices;
 pub mod theme;
 pub mod timings;
 pub mod ui_command;

@@ -71,11 +71,15 @@ pub struct Settings {
     pub dark: bool,
     /// Size of text and controls, 1: as made.
     pub scale: f32,
+    /// Whether slices are shown beside the figure.
+    pub slices: bool,
+    /// Whether they have the patient's right on the right.
+    pub neurological: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { dark: true, scale: 1.0 }
+        Self { dark: true, scale: 1.0, slices: false, neurological: false }
     }
 }
 

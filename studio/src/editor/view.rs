@@ -1,6 +1,7 @@
 //! The view as gestures change it: pure functions from one camera to the next. Angles and lengths are the figure's own
 //! (radii of the object's sphere), so that a drag feels the same on a mouse and on a whale.
 
+use fabrica_engine::spaces::direction_letters;
 use glam::{DQuat, DVec3};
 
 use crate::figure::template::{CameraTemplate, ProjectionName};
@@ -106,22 +107,7 @@ pub fn side(camera: &CameraTemplate) -> String {
 /// first, and those that come near to it (an oblique view has "AL").
 pub fn letters(camera: &CameraTemplate) -> [String; 4] {
     let (_, right, up) = axes(camera);
-    let name = |v: DVec3| {
-        let mut parts: Vec<(f64, char)> = [(v.x, "RL"), (v.y, "AP"), (v.z, "SI")]
-            .into_iter()
-            .map(|(x, letters)| (x.abs(), letters.chars().nth(usize::from(x < 0.0)).unwrap_or('?')))
-            .collect();
-        parts.sort_by(|a, b| b.0.total_cmp(&a.0));
-        // Within 22.5° of an axis, it alone is meant.
-        let limit = std::f64::consts::FRAC_PI_8.sin();
-        parts
-            .into_iter()
-            .enumerate()
-            .filter(|(i, (x, _))| *i == 0 || *x > limit)
-            .map(|(_, (_, letter))| letter)
-            .collect()
-    };
-    [name(-right), name(right), name(up), name(-up)]
+    [-right, right, up, -up].map(direction_letters)
 }
 
 #[cfg(test)]

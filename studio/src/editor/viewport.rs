@@ -12,6 +12,7 @@ use eframe::egui::{
 };
 use fabrica_engine::error::printable;
 use fabrica_engine::pick::{Pick, pick};
+use fabrica_engine::scene::{Camera, Projection};
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::labels::Label;
 use glam::{DVec2, DVec3};
@@ -171,6 +172,10 @@ pub struct Viewport {
     motion: Option<(Motion, Pos2)>,
     /// What the hand can do here, for the status bar.
     pub hint: &'static str,
+    /// A place that is marked in the picture: world, mm.
+    pub marker_mm: Option<DVec3>,
+    /// What was asked about last, until somebody takes it.
+    asked: Option<Pick>,
 }
 
 /// What a drag does.
@@ -217,6 +222,11 @@ impl Viewport {
         self.under.as_ref().and_then(|(_, _, under)| *under)
     }
 
+    /// What was asked about since this was called last.
+    pub fn take_asked(&mut self) -> Option<Pick> {
+        self.asked.take()
+    }
+
     /// Where the camera's frame lies, its picture, its gestures.
     pub fn show(
         &mut self,
@@ -251,6 +261,12 @@ impl Viewport {
             painter.image(texture.id(), frame, whole, tint);
         }
         paint_surroundings(ui, &painter, frame, &open.document.figure().camera, &page, assumption.as_deref());
+        if let Some(marker_mm) = self.marker_mm
+            && let Some(scene) = open.scene(gallery.library())
+            && let Some(at) = seen_at(&scene.camera, marker_mm)
+        {
+            mark(&painter.with_clip_rect(frame), frame.center() + frame.height() * at);
+        }
         let at = Pos2::new(area.left() + 3.2 * CUBE, area.bottom() - 3.2 * CUBE);
         cube(ui, open, at, assumption.as_deref());
 
@@ -396,6 +412,7 @@ impl Viewport {
         if let Some(pick) = &pick {
             open.node = Some(nearest_node(open, pick));
         }
+        self.asked = pick;
         self.answer = pick.map(|pick| Answer { at, pick, figure });
     }
 
@@ -503,6 +520,29 @@ fn wheel(ui: &Ui, response: &Response, open: &mut OpenFigure, frame: Rect) {
     open.edit(Command::SetCamera(camera));
 }
 
+/// Where a place (world, mm) is seen, in heights of the picture to the right of its middle and down; none behind the eye.
+fn seen_at(camera: &Camera, place_mm: DVec3) -> Option<Vec2> {
+    let from_eye = place_mm - camera.eye_mm;
+    let depth = match camera.projection {
+        Projection::Perspective { .. } => from_eye.dot(camera.forward),
+        Projection::Orthographic { .. } => 1.0,
+    };
+    let height = 2.0 * camera.half_height() * depth;
+    let at = Vec2::new((from_eye.dot(camera.right) / height) as f32, (-from_eye.dot(camera.up) / height) as f32);
+    (depth > 0.0 && at.is_finite()).then_some(at)
+}
+
+/// A small cross with a gap in the middle, on any background.
+fn mark(painter: &egui::Painter, at: Pos2) {
+    for (width, color) in [(4.0, Color32::WHITE), (2.0, theme::GIZMO)] {
+        for side in [Vec2::X, -Vec2::X, Vec2::Y, -Vec2::Y] {
+            // The edge goes around the ends, too.
+            let edge = 0.5 * (width - 2.0);
+            painter.line_segment([at + (4.0 - edge) * side, at + (11.0 + edge) * side], Stroke::new(width, color));
+        }
+    }
+}
+
 /// What somebody who does not see the picture is told of it.
 fn describe(figure: &Template, is_assumed: bool) -> String {
     let [left, right, ..] = view::letters(&figure.camera).map(|letter| marked(letter, is_assumed));
@@ -546,7 +586,11 @@ fn paint_surroundings(
             response.on_hover_text(why_marked(why));
         }
     }
-    let caption = format!("{} x {} mm   {} dpi", shorter(page.width_mm), shorter(page.height_mm), shorter(page.dpi));
+    let mut caption = format!("{} x {} mm", shorter(page.width_mm), shorter(page.height_mm));
+    // A small frame has the letter of its upper side there.
+    if frame.width() > 280.0 {
+        caption += &format!("   {} dpi", shorter(page.dpi));
+    }
     let at = frame.left_top() - Vec2::Y * 6.0;
     painter.text(at, Align2::LEFT_BOTTOM, caption, FontId::proportional(11.0), tokens.dim);
 }
@@ -631,6 +675,25 @@ mod tests {
             (PointerButton::Secondary, Modifiers::NONE, false, None),
         ] {
             assert_eq!(motion(button, modifiers, space), expected, "{button:?} {modifiers:?} {space}");
+        }
+    }
+
+    #[test]
+    fn what_a_ray_meets_is_seen_where_the_ray_began() {
+        use fabrica_engine::reference::ray::ray_from_pixel;
+        let size = [300, 200];
+        let projections = [Projection::Perspective { fov_y_deg: 35.0 }, Projection::Orthographic { height_mm: 90.0 }];
+        for projection in projections {
+            let (eye, forward) = (DVec3::new(30.0, -200.0, 40.0), DVec3::new(-0.1, 1.0, -0.2));
+            let camera = Camera::looking(eye, forward, DVec3::Z, projection).unwrap();
+            for [x, y] in [[0, 0], [150, 100], [299, 42], [17, 199]] {
+                let ray = ray_from_pixel(&camera, size, x, y);
+                let seen = seen_at(&camera, ray.origin_mm + 170.0 * ray.direction).unwrap();
+                let pixel = 200.0 * seen + Vec2::new(149.5, 99.5);
+                assert!((pixel - Vec2::new(x as f32, y as f32)).length() < 1e-3, "{x} {y}: {pixel}");
+            }
+            let behind = seen_at(&camera, eye - 10.0 * camera.forward);
+            assert_eq!(behind.is_some(), matches!(projection, Projection::Orthographic { .. }));
         }
     }
 

@@ -123,6 +123,7 @@ impl Editor {
             UiCommand::QualityStandard => quality == Some(QualityName::Standard),
             UiCommand::QualityFinal => quality == Some(QualityName::Final),
             UiCommand::History => self.layout.shows_history,
+            UiCommand::Slices => self.layout.shows_slices,
             _ => false,
         }
     }
@@ -144,17 +145,21 @@ impl Editor {
         let tokens = theme::tokens(ui.ctx());
         ui.horizontal(|ui| {
             if let Some(open) = &self.open {
-                if let Some(under) = self.viewport.under() {
+                if let Some(under) = self.slices.under().or(self.viewport.under()) {
                     let why = open.assumed_orientation();
                     let label = ui.label(place(under.position_mm, why.is_some()));
                     why.map(|why| label.on_hover_text(why_marked(why)));
                     let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
                     let named = open.chosen_volume().and_then(|v| structures_at(v, under.position_mm));
-                    ui.label(named.unwrap_or_else(|| format!("{:.1}{unit}", under.value)));
+                    ui.label(match named {
+                        Some(named) => named,
+                        None if under.value.is_nan() => "no value".to_owned(),
+                        None => format!("{:.1}{unit}", under.value),
+                    });
                     ui.separator();
                 }
                 if !self.notice.is_fresh(ui.ctx()) && ui.ctx().content_rect().width() > WIDE {
-                    ui.label(theme::small(ui.ctx(), self.viewport.hint));
+                    ui.label(theme::small(ui.ctx(), self.slices.hint().unwrap_or(self.viewport.hint)));
                 }
             }
             if self.notice.is_fresh(ui.ctx()) {

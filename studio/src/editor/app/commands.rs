@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use eframe::egui::{self, Context, ViewportCommand};
+use fabrica_engine::slice::anatomical::Convention;
 use fabrica_engine::styles::StyleLibrary;
 use glam::DVec3;
 
@@ -43,6 +44,9 @@ impl Editor {
             {
                 Some("A transfer function needs one node at least")
             }
+            UiCommand::SliceSides | UiCommand::SliceWindow if !self.layout.shows_slices => {
+                Some("Show slices first (Q)")
+            }
             UiCommand::Rename | UiCommand::ShowHide if self.open.as_ref().is_some_and(|o| o.chosen().is_none()) => {
                 Some("The figure has no object")
             }
@@ -72,7 +76,10 @@ impl Editor {
         let camera = &open.document.figure().camera;
         let side = |direction| Command::SetCamera(view::from_side(camera, direction));
         let edit = match command {
-            C::Fit => Command::SetCamera(fitted(open, self.gallery.library())),
+            C::Fit => {
+                self.slices.fit();
+                Command::SetCamera(fitted(open, self.gallery.library()))
+            }
             C::FromFront => side(DVec3::Y),
             C::FromBack => side(DVec3::NEG_Y),
             C::FromLeft => side(DVec3::NEG_X),
@@ -124,6 +131,21 @@ impl Editor {
             C::Palette => self.dialog = Some(Dialog::Palette(String::new(), 0)),
             C::History => self.layout.shows_history = !self.layout.shows_history,
             C::Panels => self.layout.hides_panels = !self.layout.hides_panels,
+            C::Slices => {
+                let slices = !self.layout.shows_slices;
+                self.layout.shows_slices = slices;
+                if !slices {
+                    self.slices.hide();
+                }
+                self.keep_settings(Settings { slices, ..self.session.settings() });
+            }
+            C::SliceSides => {
+                self.slices.convention = match self.slices.convention {
+                    Convention::Radiological => Convention::Neurological,
+                    Convention::Neurological => Convention::Radiological,
+                };
+            }
+            C::SliceWindow => self.slices.reset_window(),
             C::HistogramScale => self.layout.function.logarithmic = !self.layout.function.logarithmic,
             C::Rename => {
                 self.layout.hides_panels = false;
@@ -165,7 +187,7 @@ impl Editor {
         self.keep_settings(Settings { scale, ..self.session.settings() });
     }
 
-    fn keep_settings(&self, settings: Settings) {
+    pub(super) fn keep_settings(&self, settings: Settings) {
         // Best effort: nobody's work depends on it.
         let _ = self.session.keep_settings(&settings);
     }

@@ -10,9 +10,10 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use eframe::egui::{self, CentralPanel, Context, Key, Panel, Ui, ViewportCommand};
+use eframe::egui::{self, CentralPanel, Context, Key, Panel, Ui, UiBuilder, ViewportCommand};
 use fabrica_engine::gpu::AdapterChoice;
 use fabrica_engine::read::limits::Limits;
+use fabrica_engine::slice::anatomical::Convention;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 
@@ -28,7 +29,8 @@ use super::panels::start_page::Pictures;
 use super::panels::transfer_function::{self, FunctionView};
 use super::panels::{history, objects, properties, styles};
 use super::recovery::Orphan;
-use super::session::{Recent, Session};
+use super::session::{Recent, Session, Settings};
+use super::slices::SliceViews;
 use super::theme;
 use super::timings::Timings;
 use super::ui_command::UiCommand;
@@ -77,6 +79,9 @@ struct Layout {
     renaming: Option<(usize, String)>,
     hides_panels: bool,
     shows_history: bool,
+    shows_slices: bool,
+    /// Which side slices have on the right, as it was kept last.
+    is_neurological: bool,
     pictures: Pictures,
 }
 
@@ -92,6 +97,7 @@ pub struct Editor {
     open: Option<OpenFigure>,
     autosave: Option<Autosave>,
     viewport: Viewport,
+    slices: SliceViews,
     layout: Layout,
     loading: Option<Job<Opened>>,
     /// A volume on its way into a slot; whether that is an edit, or only brings what the figure names.
@@ -143,7 +149,12 @@ impl Editor {
             open: None,
             autosave: None,
             viewport: Viewport::default(),
-            layout: Layout::default(),
+            slices: SliceViews::new(side_of(&settings)),
+            layout: Layout {
+                shows_slices: settings.slices,
+                is_neurological: settings.neurological,
+                ..Layout::default()
+            },
             loading: None,
             filling: None,
             selecting: None,
@@ -189,6 +200,11 @@ impl Editor {
     /// The last line in the status bar.
     pub fn notice(&self) -> &str {
         &self.notice.text
+    }
+
+    /// The slices beside the figure, if they are shown.
+    pub fn slices(&self) -> Option<&SliceViews> {
+        self.layout.shows_slices.then_some(&self.slices)
     }
 
     /// The thread that draws.
@@ -318,6 +334,7 @@ impl Editor {
             under_way
         });
         if !gesture
+            && !self.slices.abort()
             && !self.viewport.dismiss()
             && self.dialog.is_none()
             && !ctx.text_edit_focused()
@@ -381,8 +398,31 @@ impl Editor {
                 });
         }
         CentralPanel::default().frame(canvas).show(ui, |ui| {
-            self.viewport.show(ui, open, &self.gallery, &mut self.layout.function, &self.painter);
+            if self.layout.shows_slices {
+                let place = self.slices.show(ui, open);
+                self.viewport.marker_mm = self.slices.crosshair_mm();
+                ui.scope_builder(UiBuilder::new().id_salt("figure").max_rect(place), |ui| {
+                    ui.painter().rect_filled(place, 0.0, canvas.fill);
+                    self.viewport.show(ui, open, &self.gallery, &mut self.layout.function, &self.painter);
+                });
+                if let Some(pick) = self.viewport.take_asked() {
+                    self.slices.look_at(pick.position_mm);
+                    ctx.request_repaint();
+                }
+                if let Some(under) = self.slices.under() {
+                    self.layout.function.marked = Some(under.value).filter(|value| value.is_finite());
+                }
+            } else {
+                self.viewport.marker_mm = None;
+                self.viewport.show(ui, open, &self.gallery, &mut self.layout.function, &self.painter);
+                self.viewport.take_asked();
+            }
         });
+        let neurological = self.slices.convention == Convention::Neurological;
+        if neurological != self.layout.is_neurological {
+            self.layout.is_neurological = neurological;
+            self.keep_settings(Settings { neurological, ..self.session.settings() });
+        }
         match wanted {
             None => {}
             Some(properties::Wanted::Command(command)) => self.run(&ctx, command),
@@ -409,6 +449,11 @@ impl Editor {
 /// the figure its place.
 fn share(available: f32, most: f32) -> f32 {
     (0.4 * available).clamp(200.0, most)
+}
+
+/// Which side of the body is on which side of slices.
+fn side_of(settings: &Settings) -> Convention {
+    if settings.neurological { Convention::Neurological } else { Convention::Radiological }
 }
 
 /// Wakes the window from another thread.

@@ -291,6 +291,7 @@ impl Editor {
         (self.banner, self.notice) = (None, Notice::default());
         self.viewport.picture.clear();
         self.viewport.dismiss();
+        self.slices.forget_figure();
         self.layout.function.forget_figure();
         self.layout.renaming = None;
     }

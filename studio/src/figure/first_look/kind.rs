@@ -41,7 +41,7 @@ impl Kind {
             if colors.iter().any(|c| c[3] == 0) { Self::CutOut } else { Self::Colors }
         } else if statistics.min == statistics.max {
             Self::Constant
-        } else if volume.modality == Modality::Ct || (volume.modality == Modality::Unknown && is_in_hu(statistics)) {
+        } else if is_ct(volume, statistics) {
             Self::Ct { contrast: contrast(statistics) }
         } else if has_few_values(statistics) || share_of_equal_neighbors(volume, statistics) > 0.75 {
             Self::Labels
@@ -54,6 +54,11 @@ impl Kind {
             Self::OneMaterial
         }
     }
+}
+
+/// Whether a volume's values are Hounsfield units, as its file says or, where it says nothing, as they look.
+pub fn is_ct(volume: &Volume, statistics: &Statistics) -> bool {
+    volume.modality == Modality::Ct || (volume.modality == Modality::Unknown && is_in_hu(statistics))
 }
 
 /// Air near -1000, some of what tissue has, and nearly nothing beyond metal: no other scanner's numbers look like that.

@@ -18,6 +18,7 @@ use glam::DVec3;
 use serde_json::Map;
 
 use self::kind::Kind;
+pub use self::kind::is_ct;
 use super::bridge;
 use super::framing::{self, Frame, View};
 use super::source::{VolumeSource, within_memory};
