@@ -82,7 +82,7 @@ fn a_template_fits_another_dataset_by_percentiles() {
         let (scene, notes) = scene(&template, &volumes, &StyleLibrary::embedded(), &progress).unwrap();
         assert!(notes.iter().any(|n| n.contains("background")), "the background must be said: {notes:?}");
         let nodes = &scene.objects[0].transfer_function.nodes;
-        let statistics = volumes[0].statistics(&progress).unwrap();
+        let statistics = volumes.volumes[0].statistics(&progress).unwrap();
         assert!(nodes[0].value > statistics.background && nodes[1].value > nodes[0].value);
         thresholds.push(nodes[0].value);
         let image = renderer().render(&scene, [48, 48], &RenderOptions::default(), &progress).unwrap();
