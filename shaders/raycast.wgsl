@@ -16,8 +16,11 @@
 #import {seen}
 #import {sampling}
 #import {resume}
+#if functions
+#import lib/functions
+#end
 #if regions
-#import lib/region
+#import bind/regions
 #end
 
 // Parts of a piece that shows something.
@@ -52,7 +55,6 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     var spare = i32(MAX_ROUNDS) - i32(walked * regions.rounds_per_piece);
 #else
     var spare = i32(MAX_ROUNDS) - i32(walked * (5u + 2u * PARTS));
-    let function = background_function();
 #end
     let march = March(first, stride, ray.world_direction, axes, frame.near_depth + span.x * ray.depth_per_mm,
         step * ray.depth_per_mm);
@@ -76,7 +78,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     loop {
         var visible = false;
         var back = 0.0;
-#if regions
+#if functions
         // Which looks there may be around the piece.
         var kinds = 0u;
 #end
@@ -88,7 +90,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 if k >= count { break; }
                 let brick = brick_of(first + piece_middle(k, steps) * stride);
                 let cell = textureLoad(skip_map, brick, 0);
-#if regions
+#if functions
                 kinds = cell.y;
 #end
                 if cell.x == 0u { break; }
@@ -99,10 +101,10 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             if k >= count { break; }
             let boundary = piece_end(select(k, k + 1u, known), steps);
             back = sample_volume(volume, volume_sampler, first + boundary * stride, object.texel_scale);
-#if regions
+#if functions
             visible = known && may_show(kinds, front, back);
 #else
-            visible = known && classify_piece(function, front, back).extinction > 0.0;
+            visible = known && classify_piece(only_function(), front, back).extinction > 0.0;
 #end
 #if alpha
             back_alpha = sample_color(colors, first + boundary * stride).a;
@@ -120,7 +122,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         if !visible { break; }
 
         let length_k = piece_length(k, steps);
-#if regions
+#if functions
         // What a look shows of a piece does not depend on what others show of it.
         let shows = layers_that_show(kinds, front, back);
         let num_parts = select(0u, num_pieces(length_k * f32(PARTS)), shows != 0u);

@@ -45,7 +45,7 @@ struct Object {
 @group(1) @binding(2) var gradient_volume: texture_3d<f32>;
 @group(1) @binding(3) var volume_sampler: sampler;
 @group(1) @binding(4) var skip_map: texture_3d<u32>;
-#if regions
+#if functions
 @group(1) @binding(5) var transfer_function: texture_2d_array<f32>;
 #else
 @group(1) @binding(5) var transfer_function: texture_2d<f32>;

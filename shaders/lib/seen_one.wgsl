@@ -3,7 +3,7 @@
 #import lib/stretch
 
 fn seen(stretch: Stretch, march: March, shows: u32) -> Seen {
-    let function = background_function();
+    let function = only_function();
     let piece = classify_piece(function, value_at(stretch, 0.0), value_at(stretch, 1.0));
     return appearance(piece, function, stretch, march, vec4f(0.0));
 }

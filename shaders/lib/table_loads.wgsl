@@ -13,7 +13,7 @@ fn look_up(place: vec2f, layer: u32) -> vec4f {
 }
 
 fn table_entry(place: vec2i, layer: u32) -> vec4f {
-#if regions
+#if functions
     return textureLoad(transfer_function, place, layer, 0);
 #else
     return textureLoad(transfer_function, place, 0);

@@ -16,7 +16,7 @@ use crate::selection::{BRICK, Brick, Selection};
 /// not depend on which slot a brick happens to have.
 const ATLAS_EDGE: usize = 512;
 /// Slots along x and y of it.
-pub const SLOTS: usize = ATLAS_EDGE / SLOT_EDGE;
+const SLOTS: usize = ATLAS_EDGE / SLOT_EDGE;
 /// Texels along the edge of a slot: a brick's voxels and one more on either side.
 const SLOT_EDGE: usize = BRICK + 2;
 /// Texels along z of the smallest atlas.
@@ -226,7 +226,7 @@ impl ResidentRegions {
         for Found { place: [x, y, z], .. } in &found {
             let list = std::mem::take(&mut self.lists[x + nx * (y + ny * z)]);
             let old = &self.entries[list.first as usize..(list.first + list.count) as usize];
-            self.free_slots.extend(old.iter().map(|[_, slot]| *slot).filter(|slot| *slot != WHOLE));
+            self.free_slots.extend(old.iter().map(|[_, slot]| *slot).filter(|slot| *slot != WHOLE).map(unpacked));
             self.num_stale += old.len();
         }
         self.reserve_slots(context, num_needed)?;
@@ -254,7 +254,7 @@ impl ResidentRegions {
                         slot
                     }
                 };
-                self.entries.push([region + 1, slot]);
+                self.entries.push([region + 1, if slot == WHOLE { WHOLE } else { packed(slot) }]);
             }
             self.lists[brick] = List { first, count: self.entries.len() as u32 - first };
         }
@@ -377,6 +377,17 @@ impl ResidentRegions {
     pub fn views(&self) -> [wgpu::TextureView; 3] {
         [&self.directory, &self.entry_texture, &self.atlas].map(|t| t.create_view(&Default::default()))
     }
+}
+
+/// A slot's place in the atlas as the shader reads it: 10 bits for each axis.
+fn packed(slot: u32) -> u32 {
+    let n = SLOTS as u32;
+    slot % n | (slot / n % n) << 10 | (slot / (n * n)) << 20
+}
+
+fn unpacked(place: u32) -> u32 {
+    let n = SLOTS as u32;
+    (place & 1023) + n * ((place >> 10 & 1023) + n * (place >> 20))
 }
 
 /// A brick's place and those around it, within `size`.

@@ -17,14 +17,18 @@ macro_rules! modules {
 pub const MODULES: &[(&str, &str)] = modules![
     "bind/colors",
     "bind/frame",
+    "bind/functions",
     "bind/object",
     "bind/regions",
     "bind/resume",
     "bind/validity",
     "lib/composite",
+    "lib/cut_face",
+    "lib/cut_none",
     "lib/face",
     "lib/fullscreen",
     "lib/function_one",
+    "lib/functions",
     "lib/gradient",
     "lib/gradient_color",
     "lib/opacity",
@@ -36,6 +40,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/seen_color",
     "lib/seen_one",
     "lib/seen_regions",
+    "lib/seen_tints",
     "lib/skip",
     "lib/stretch",
     "lib/strongest_change",
@@ -63,6 +68,10 @@ pub struct RaycastKey {
     pub alpha: bool,
     /// The object has regions with looks of their own.
     pub regions: bool,
+    /// Their looks have several functions from value to opacity, or styles; never without `regions`.
+    pub functions: bool,
+    /// Some regions are more opaque than others, so that where they end there is a face; never without `regions`.
+    pub cuts: bool,
     /// The pass goes on where another one had to stop.
     pub resumed: bool,
 }
@@ -75,6 +84,8 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.colors { " colors" } else { "" })?;
         f.write_str(if self.alpha { " alpha" } else { "" })?;
         f.write_str(if self.regions { " regions" } else { "" })?;
+        f.write_str(if self.functions { " functions" } else { "" })?;
+        f.write_str(if self.cuts { " cuts" } else { "" })?;
         f.write_str(if self.resumed { " resumed" } else { "" })
     }
 }
@@ -82,7 +93,7 @@ impl std::fmt::Display for RaycastKey {
 impl RaycastKey {
     /// Every key there is.
     pub fn all() -> impl Iterator<Item = Self> {
-        (0..96).map(|n| Self {
+        (0..240).map(|n| Self {
             filtered: n & 1 == 0,
             table_filtered: n & 2 == 0,
             no_data: n & 4 != 0,
@@ -90,6 +101,8 @@ impl RaycastKey {
             colors: n % 48 >= 16,
             alpha: n % 48 >= 32,
             regions: n >= 48,
+            functions: (n / 48) % 2 == 0 && n >= 48,
+            cuts: n >= 144,
         })
     }
 
@@ -103,8 +116,10 @@ impl RaycastKey {
             "table" => Some(if self.table_filtered { "lib/table_filtered" } else { "lib/table_loads" }),
             "no_data" => Some(if self.no_data { "bind/validity" } else { "lib/validity_all" }),
             "gradient" => Some(if self.colors { "lib/gradient_color" } else { "lib/gradient" }),
-            "function" => Some(if self.regions { "lib/region" } else { "lib/function_one" }),
-            "seen" => Some(if self.regions { "lib/seen_regions" } else { "lib/seen_one" }),
+            "function" => Some(if self.functions { "lib/functions" } else { "lib/function_one" }),
+            "seen" if self.functions => Some("lib/seen_regions"),
+            "seen" => Some(if self.regions { "lib/seen_tints" } else { "lib/seen_one" }),
+            "cut" => Some(if self.cuts { "lib/cut_face" } else { "lib/cut_none" }),
             "resume" => Some(if self.resumed { "bind/resume" } else { "lib/resume_none" }),
             _ => None,
         };
@@ -112,6 +127,7 @@ impl RaycastKey {
             "colors" => Some(self.colors),
             "alpha" => Some(self.alpha),
             "regions" => Some(self.regions),
+            "functions" => Some(self.functions),
             _ => None,
         };
         assemble("raycast", &choose, &has)

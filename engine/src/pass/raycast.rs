@@ -205,7 +205,10 @@ struct Bound {
 struct Shared {
     uniform: wgpu::Buffer,
     /// Bindings 12 and following of `shaders/bind/regions.wgsl`.
-    textures: [wgpu::TextureView; 5],
+    textures: [wgpu::TextureView; 4],
+    /// Bindings 16 and 17, of `shaders/bind/functions.wgsl`.
+    functions: Option<(wgpu::Buffer, wgpu::TextureView)>,
+    cuts: bool,
 }
 
 /// `MAX_ROUNDS` of the shader.
@@ -293,7 +296,9 @@ impl RaycastPass {
             no_data: resident.validity.is_some(),
             colors: resident.colors.is_some(),
             alpha: resident.alpha,
-            regions: regions.is_some(),
+            regions: false,
+            functions: false,
+            cuts: false,
             resumed: false,
         };
         let device = &context.device;
@@ -303,6 +308,10 @@ impl RaycastPass {
         let bound = match regions {
             None => self.bind_look(context, scene, object, resident, leaps),
             Some(regions) => self.bind_regions(context, scene, object, resident, regions, leaps),
+        };
+        let key = match &bound.shared {
+            None => key,
+            Some(s) => RaycastKey { regions: true, functions: s.functions.is_some(), cuts: s.cuts, ..key },
         };
         let uniform = uniform_buffer(context, "object", bytemuck::bytes_of(&bound.uniform));
         let styles = self.style_array(context, &scene.styles)?;
@@ -343,6 +352,10 @@ impl RaycastPass {
         if let Some(shared) = &bound.shared {
             entries.push(wgpu::BindGroupEntry { binding: 11, resource: shared.uniform.as_entire_binding() });
             entries.extend((12..).zip(&shared.textures).map(|(i, view)| texture_entry(i, view)));
+            if let Some((uniform, may_show)) = &shared.functions {
+                entries.push(wgpu::BindGroupEntry { binding: 16, resource: uniform.as_entire_binding() });
+                entries.push(texture_entry(17, may_show));
+            }
         }
         let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("object"),
@@ -373,7 +386,7 @@ impl RaycastPass {
             bytemuck::cast_slice(&layers),
         );
         Bound {
-            uniform: object_uniform(scene, object, resident, Some(&table)),
+            uniform: object_uniform(scene, object, resident, &table),
             skip_map,
             transfer_function,
             node_layers: node_layers.create_view(&Default::default()),
@@ -406,17 +419,22 @@ impl RaycastPass {
             }
         };
         let gradient = object.volume.grid.world_gradient_from_index();
-        let uniform = looks.uniform(regions, gradient);
         let [rounds_per_piece, _] = looks.rounds(regions);
+        let uniform = looks.uniform(regions, gradient);
+        let functions = looks
+            .functions
+            .map(|f| (uniform_buffer(context, "functions", bytemuck::bytes_of(&*f.uniform)), f.may_show));
         let [directory, entries, atlas] = regions.views();
         Bound {
-            uniform: object_uniform(scene, object, resident, None),
+            uniform: object_uniform(scene, object, resident, &looks.table),
             skip_map: looks.skip_map,
             transfer_function: looks.tables,
             node_layers: looks.node_layers,
             shared: Some(Shared {
-                uniform: uniform_buffer(context, "regions", bytemuck::bytes_of(&*uniform)),
-                textures: [directory, entries, atlas, looks.region_looks, looks.may_show],
+                uniform: uniform_buffer(context, "regions", bytemuck::bytes_of(&uniform)),
+                textures: [directory, entries, atlas, looks.region_looks],
+                functions,
+                cuts: looks.cuts,
             }),
             pieces_per_pass: (MAX_ROUNDS / rounds_per_piece).max(1),
         }
@@ -564,13 +582,8 @@ pub(super) fn in_steps(length: f64) -> f64 {
     ((length.log2() * 64.0).round() / 64.0).exp2()
 }
 
-/// `table`: that of the only transfer function; with regions the looks have their own.
-fn object_uniform(
-    scene: &Scene,
-    object: &Object,
-    resident: &ResidentVolume,
-    table: Option<&TransferTable>,
-) -> ObjectUniform {
+/// `table`: that of the only function from value to opacity; several have their own parameters.
+fn object_uniform(scene: &Scene, object: &Object, resident: &ResidentVolume, table: &TransferTable) -> ObjectUniform {
     let grid = &object.volume.grid;
     let column = |v: DVec3| v.as_vec3().to_array();
     let to_index = grid.index_from_world().matrix3;
@@ -579,35 +592,33 @@ fn object_uniform(
     let faces = grid.world_gradient_from_index();
     let gradient = faces * per_texel;
     let dims = DVec3::from_array(grid.dims().map(|n| n as f64));
-    let uniform = ObjectUniform {
+    ObjectUniform {
         index_from_world_x: column(to_index.x_axis),
         reference_length: object.reference_length_mm() as f32,
         index_from_world_y: column(to_index.y_axis),
+        transfer_first: table.first as f32,
         index_from_world_z: column(to_index.z_axis),
+        transfer_scale: table.scale as f32,
         world_from_gradient_x: column(gradient.x_axis),
+        extinction_below: table.outer_extinction[0] as f32,
         world_from_gradient_y: column(gradient.y_axis),
+        extinction_above: table.outer_extinction[1] as f32,
         world_from_gradient_z: column(gradient.z_axis),
+        last_node: table.last_node as f32,
         box_max: column(dims - 0.5),
+        middle_below: table.outer_middle[0] as f32,
         texel_scale: column(dims.recip()),
+        middle_above: table.outer_middle[1] as f32,
         face_x: column(faces.x_axis.normalize()),
+        node_below: table.outer_node[0] as f32,
         face_y: column(faces.y_axis.normalize()),
+        node_above: table.outer_node[1] as f32,
         face_z: column(faces.z_axis.normalize()),
         looks_per_turn: (1.0 / scene.largest_turn(object)) as f32,
-        ..bytemuck::Zeroable::zeroed()
-    };
-    let Some(table) = table else { return uniform };
-    ObjectUniform {
-        transfer_first: table.first as f32,
-        transfer_scale: table.scale as f32,
-        extinction_below: table.outer_extinction[0] as f32,
-        extinction_above: table.outer_extinction[1] as f32,
-        last_node: (object.transfer_function.nodes.len() - 1) as f32,
-        middle_below: table.outer_middle[0] as f32,
-        middle_above: table.outer_middle[1] as f32,
-        node_below: table.outer_node[0] as f32,
-        node_above: table.outer_node[1] as f32,
         jump: table.jump as f32,
-        ..uniform
+        pad0: 0.0,
+        pad1: 0.0,
+        pad2: 0.0,
     }
 }
 
@@ -643,7 +654,7 @@ fn make_pipeline(
             entry(2, if key.colors { filterable } else { volume }),
             entry(3, volume_sampler),
             entry(4, texture_binding(wgpu::TextureSampleType::Uint, VIEW_3D)),
-            entry(5, texture_binding(table, if key.regions { arrays } else { wgpu::TextureViewDimension::D2 })),
+            entry(5, texture_binding(table, if key.functions { arrays } else { wgpu::TextureViewDimension::D2 })),
             entry(6, texture_binding(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)),
             entry(
                 7,
@@ -669,7 +680,12 @@ fn make_pipeline(
                 entry(13, texture_binding(wgpu::TextureSampleType::Uint, flat)),
                 entry(14, filterable),
                 entry(15, texture_binding(unfilterable, flat)),
-                entry(16, texture_binding(wgpu::TextureSampleType::Uint, arrays)),
+            ]);
+        }
+        if key.functions {
+            entries.extend([
+                entry(16, uniform_binding()),
+                entry(17, texture_binding(wgpu::TextureSampleType::Uint, arrays)),
             ]);
         }
         let object_layout = device

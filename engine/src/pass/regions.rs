@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::raycast::{in_steps, small_texture, uniform};
 use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::gpu::context::GpuContext;
-use crate::gpu::regions::{LIST_WIDTH, ResidentRegions, SLOTS};
+use crate::gpu::regions::{LIST_WIDTH, ResidentRegions};
 use crate::gpu::upload::{ResidentVolume, extent};
 use crate::scene::quality::PARTS;
 use crate::scene::region::MAX_OPACITY_FUNCTIONS;
@@ -19,7 +19,7 @@ const MAX_KINDS: usize = 256;
 const CELLS: usize = 256;
 
 uniform! {
-/// `Layer` of `shaders/bind/regions.wgsl`.
+/// `Layer` of `shaders/bind/functions.wgsl`.
 pub struct LayerUniform {
     first: f32,
     scale: f32,
@@ -33,14 +33,20 @@ pub struct LayerUniform {
 }
 
 uniform! {
-/// `Regions` of `shaders/bind/regions.wgsl`.
-pub struct RegionsUniform {
+/// `Functions` of `shaders/bind/functions.wgsl`.
+pub struct FunctionsUniform {
     layers: [LayerUniform; MAX_OPACITY_FUNCTIONS],
     kinds: [[u32; 4]; MAX_KINDS / 4],
     first_cell: f32,
     cells_per_texel: f32,
-    slots_x: u32,
-    slots_y: u32,
+    pad0: f32,
+    pad1: f32,
+}
+}
+
+uniform! {
+/// `Regions` of `shaders/bind/regions.wgsl`.
+pub struct RegionsUniform {
     atlas_scale: [f32; 3],
     rounds_per_look: u32,
     world_x: [f32; 3],
@@ -59,18 +65,30 @@ pub struct RegionLooks {
     lengths_mm: f64,
     leaps: bool,
     looks: Vec<LookOf>,
-    /// Without what depends on the atlas.
-    pub uniform: Box<RegionsUniform>,
-    /// Tables, one layer each.
-    pub tables: wgpu::TextureView,
-    /// Distance to the nearest brick that shows something, and kind of brick.
-    pub skip_map: wgpu::TextureView,
+    /// Some looks are more opaque than others.
+    pub cuts: bool,
     /// Two texels a look.
     pub region_looks: wgpu::TextureView,
+    /// Distance to the nearest brick that shows something, and kind of brick.
+    pub skip_map: wgpu::TextureView,
     /// The styles of the nodes, a row for each different list of them.
     pub node_layers: wgpu::TextureView,
+    /// The table of the first function.
+    pub table: Arc<TransferTable>,
+    /// The tables, one layer each; a plain texture if there is but one function.
+    pub tables: wgpu::TextureView,
+    /// What only several functions need.
+    pub functions: Option<Functions>,
+}
+
+/// Several functions from value to opacity.
+#[derive(Clone, Debug)]
+pub struct Functions {
+    /// Their parameters.
+    pub uniform: Box<FunctionsUniform>,
     /// Per kind, whether anything shows between two values.
     pub may_show: wgpu::TextureView,
+    num_layers: u32,
 }
 
 /// A look, to be compared.
@@ -79,6 +97,18 @@ struct LookOf {
     function: StyleTransferFunction,
     tint: Option<[f32; 3]>,
     opacity: f64,
+}
+
+impl LookOf {
+    /// Whether its function gives opacity to anything.
+    fn shows(&self) -> bool {
+        self.function.nodes.iter().any(|n| n.opacity > 0.0)
+    }
+
+    /// Factor of the opacity that its function gives.
+    fn factor(&self) -> f64 {
+        if self.shows() { self.opacity } else { 0.0 }
+    }
 }
 
 fn looks_of(object: &Object) -> Vec<LookOf> {
@@ -142,8 +172,10 @@ impl RegionLooks {
         let d0 = object.reference_length_mm();
         let mut layer_of = Vec::with_capacity(looks.len());
         let mut texels: Vec<[f32; 4]> = Vec::new();
+        // A look that shows nothing has whatever function another one has.
+        let visible = looks.iter().find(|look| look.shows()).unwrap_or(&looks[0]);
         for look in &looks {
-            let function = &look.function;
+            let function = if look.shows() { &look.function } else { &visible.function };
             let layer = layers.iter().position(|f| f.same_opacity(function)).unwrap_or_else(|| {
                 layers.push(function);
                 layers.len() - 1
@@ -155,24 +187,16 @@ impl RegionLooks {
             });
             layer_of.push(layer);
             let lengths = d0 / function.reference_length_mm;
-            texels.push([layer as f32, look.opacity as f32, lengths as f32, row as f32]);
-            let tint = look.tint.unwrap_or_default();
-            texels.push([tint[0], tint[1], tint[2], f32::from(u8::from(look.tint.is_some()))]);
+            let ([r, g, b], opacity) = (look.tint.unwrap_or_default(), 1.0 + look.factor() as f32);
+            texels.push([r, g, b, if look.tint.is_some() { opacity } else { -opacity }]);
+            texels.push([layer as f32, lengths as f32, row as f32, 0.0]);
         }
+        let cuts = layers.len() > 1 || looks.iter().any(|look| look.factor() != looks[0].factor());
         let tables: Vec<Arc<TransferTable>> = layers
             .iter()
             .map(|function| tables.get(object, resident, function, in_steps(lengths_mm / function.reference_length_mm)))
             .collect();
         let kinds = Kinds::new(&looks, &layer_of, regions);
-        let uniform = Box::new(RegionsUniform {
-            layers: std::array::from_fn(|i| {
-                // What no look has is never read.
-                let i = i.min(layers.len() - 1);
-                layer_uniform(&tables[i], layers[i])
-            }),
-            kinds: std::array::from_fn(|i| std::array::from_fn(|j| kinds.masks.get(4 * i + j).copied().unwrap_or(0))),
-            ..bytemuck::Zeroable::zeroed()
-        });
         let texel = |stored| resident.encoding.texel(stored);
         let bricks = object.volume.bricks();
         let distances = if leaps {
@@ -185,95 +209,104 @@ impl RegionLooks {
             vec![0; bricks.ranges.len()]
         };
         let cells: Vec<u8> = distances.iter().zip(&kinds.of_brick).flat_map(|(d, kind)| [*d, *kind]).collect();
-        let (first_cell, cells_per_texel, may_show) = may_show(&tables, &kinds.masks, object, resident);
-        let three = wgpu::TextureDimension::D3;
-        let two = wgpu::TextureDimension::D2;
-        let entries: Vec<[f32; 4]> = tables.iter().flat_map(|t| &t.entries).copied().collect();
+        let (two, three) = (wgpu::TextureDimension::D2, wgpu::TextureDimension::D3);
         let float = wgpu::TextureFormat::Rgba32Float;
         texels.resize(texels.len().next_multiple_of(LIST_WIDTH), [0.0; 4]);
+        let look_size = extent([LIST_WIDTH, texels.len() / LIST_WIDTH, 1]);
+        let plain = |texture: wgpu::Texture| texture.create_view(&Default::default());
         let width = rows.iter().map(Vec::len).max().unwrap_or(1);
         let nodes: Vec<u32> = rows.iter().flat_map(|row| (0..width).map(|i| row[i.min(row.len() - 1)])).collect();
-        let table_size = extent([TABLE_SIZE, TABLE_SIZE, tables.len()]);
-        let look_size = extent([LIST_WIDTH, texels.len() / LIST_WIDTH, 1]);
-        let show_size = extent([CELLS, CELLS, kinds.masks.len()]);
-        let cast = bytemuck::cast_slice::<[f32; 4], u8>;
+        let node_size = extent([width, rows.len(), 1]);
         let uint = wgpu::TextureFormat::R32Uint;
-        let arrays = |texture: wgpu::Texture| {
-            texture.create_view(&wgpu::TextureViewDescriptor {
-                dimension: Some(wgpu::TextureViewDimension::D2Array),
-                ..Default::default()
-            })
-        };
-        let plain = |texture: wgpu::Texture| texture.create_view(&Default::default());
+        let node_layers = small_texture(context, "node layers", node_size, two, uint, bytemuck::cast_slice(&nodes));
+        let skip = wgpu::TextureFormat::Rg8Uint;
+        let entries: Vec<[f32; 4]> = tables.iter().flat_map(|t| &t.entries).copied().collect();
+        let has_functions = layers.len() > 1 || rows.len() > 1;
+        let table_size = extent([TABLE_SIZE, TABLE_SIZE, tables.len()]);
+        let made = small_texture(context, "transfer functions", table_size, two, float, bytemuck::cast_slice(&entries));
+        let functions = has_functions.then(|| {
+            let (first_cell, cells_per_texel, may_show) = may_show(&tables, &kinds.masks, object, resident);
+            let size = extent([CELLS, CELLS, kinds.masks.len()]);
+            let format = wgpu::TextureFormat::R8Uint;
+            let uniform = FunctionsUniform {
+                layers: std::array::from_fn(|i| {
+                    // What no look has is never read.
+                    layer_uniform(&tables[i.min(tables.len() - 1)])
+                }),
+                kinds: std::array::from_fn(|i| {
+                    std::array::from_fn(|j| kinds.masks.get(4 * i + j).copied().unwrap_or(0))
+                }),
+                first_cell,
+                cells_per_texel,
+                pad0: 0.0,
+                pad1: 0.0,
+            };
+            Functions {
+                uniform: Box::new(uniform),
+                may_show: arrays(&small_texture(context, "may show", size, two, format, &may_show)),
+                num_layers: layers.len() as u32,
+            }
+        });
         Self {
             revision: regions.revision,
             lengths_mm,
             leaps,
+            cuts,
+            region_looks: plain(small_texture(
+                context,
+                "region looks",
+                look_size,
+                two,
+                float,
+                bytemuck::cast_slice(&texels),
+            )),
+            skip_map: plain(small_texture(context, "skip map", extent(bricks.dims), three, skip, &cells)),
+            node_layers: plain(node_layers),
+            table: tables[0].clone(),
+            tables: if has_functions { arrays(&made) } else { plain(made) },
+            functions,
             looks,
-            uniform: Box::new(RegionsUniform { first_cell, cells_per_texel, ..*uniform }),
-            tables: arrays(small_texture(context, "transfer functions", table_size, two, float, cast(&entries))),
-            skip_map: plain(small_texture(
-                context,
-                "skip map",
-                extent(bricks.dims),
-                three,
-                wgpu::TextureFormat::Rg8Uint,
-                &cells,
-            )),
-            region_looks: plain(small_texture(context, "region looks", look_size, two, float, cast(&texels))),
-            node_layers: plain(small_texture(
-                context,
-                "node layers",
-                extent([width, rows.len(), 1]),
-                two,
-                uint,
-                bytemuck::cast_slice(&nodes),
-            )),
-            may_show: arrays(small_texture(
-                context,
-                "may show",
-                show_size,
-                two,
-                wgpu::TextureFormat::R8Uint,
-                &may_show,
-            )),
         }
     }
 
     /// The uniform for the atlas as it is now. `gradient`: columns take a change per voxel to one per mm of the world.
-    pub fn uniform(&self, regions: &ResidentRegions, gradient: glam::DMat3) -> Box<RegionsUniform> {
+    pub fn uniform(&self, regions: &ResidentRegions, gradient: glam::DMat3) -> RegionsUniform {
         let column = |v: glam::DVec3| v.as_vec3().to_array();
         let [rounds_per_piece, rounds_per_look] = self.rounds(regions);
-        Box::new(RegionsUniform {
-            slots_x: SLOTS as u32,
-            slots_y: SLOTS as u32,
+        RegionsUniform {
             atlas_scale: regions.atlas_size().map(|n| 1.0 / n as f32),
             rounds_per_look,
-            rounds_per_piece,
             world_x: column(gradient.x_axis),
+            rounds_per_piece,
             world_y: column(gradient.y_axis),
+            pad0: 0.0,
             world_z: column(gradient.z_axis),
-            ..*self.uniform
-        })
+            pad1: 0.0,
+        }
     }
 
     /// Rounds of the shader's loops that a piece takes at most, with one look a part, and that a further look takes.
     pub fn rounds(&self, regions: &ResidentRegions) -> [u32; 2] {
-        // Those of the march, of the layers that are asked whether they show the piece, and of each part: its own and its look's,
-        // which goes over the brick's list and the background twice, once with a loop in it.
+        // A look goes over the brick's list and the background, with a loop in each round, and for a face a second time.
         let look = 2 + 4 * (regions.longest_list() + 1);
-        let num_layers = self.uniform.kinds.iter().flatten().map(|mask| mask.count_ones()).max().unwrap_or(1);
+        let num_layers = self.functions.as_ref().map_or(0, |f| f.num_layers);
+        // Those of the march, of the layers that are asked whether they show the piece, and of each part.
         [6 + num_layers + PARTS * (1 + look), look]
     }
 }
 
-fn layer_uniform(table: &TransferTable, function: &StyleTransferFunction) -> LayerUniform {
+fn arrays(texture: &wgpu::Texture) -> wgpu::TextureView {
+    let dimension = Some(wgpu::TextureViewDimension::D2Array);
+    texture.create_view(&wgpu::TextureViewDescriptor { dimension, ..Default::default() })
+}
+
+fn layer_uniform(table: &TransferTable) -> LayerUniform {
     let outer = |i: usize| [table.outer_extinction[i] as f32, table.outer_node[i] as f32, table.outer_middle[i] as f32];
     LayerUniform {
         first: table.first as f32,
         scale: table.scale as f32,
         jump: table.jump as f32,
-        last_node: (function.nodes.len() - 1) as f32,
+        last_node: table.last_node as f32,
         below: outer(0),
         pad0: 0.0,
         above: outer(1),
@@ -290,7 +323,7 @@ struct Kinds {
 
 impl Kinds {
     fn new(looks: &[LookOf], layer_of: &[usize], regions: &ResidentRegions) -> Self {
-        let bit = |look: &u32| if looks[*look as usize].opacity > 0.0 { 1 << layer_of[*look as usize] } else { 0 };
+        let bit = |look: &u32| if looks[*look as usize].factor() > 0.0 { 1 << layer_of[*look as usize] } else { 0 };
         let mask_of = |set: &Vec<u32>| set.iter().map(bit).fold(0, |a, b| a | b);
         let mut position: HashMap<u32, u8> = HashMap::new();
         let mut masks: Vec<u32> = Vec::new();

@@ -39,6 +39,8 @@ pub struct TransferTable {
     pub outer_middle: [f64; 2],
     /// Node coordinates of either.
     pub outer_node: [f64; 2],
+    /// Node coordinate of the last node.
+    pub last_node: usize,
     /// Number of fine cells before each one (and in all) that show something.
     visible_before: Vec<u32>,
 }
@@ -89,6 +91,7 @@ impl TransferTable {
             outer_extinction,
             outer_middle: outer_extinction.map(|kappa| middle_of_constant(kappa * lengths)),
             outer_node: ends.map(|end| end.node),
+            last_node: function.nodes.len() - 1,
             visible_before,
         }
     }

@@ -1,0 +1,29 @@
+// Several functions from value to opacity (docs/rendering.md §8): which one a look has, and what shows of a piece at all.
+#import bind/functions
+#import lib/transfer_function
+
+fn function_of_layer(layer: u32, row: u32) -> Function {
+    let l = functions.layers[layer];
+    return Function(l.first, l.scale, l.jump, l.last_node, l.below, l.above, layer, row);
+}
+
+// Whether any look of a kind of brick may show something between two values: never no where one does.
+fn may_show(kind: u32, front: f32, back: f32) -> bool {
+    let cells = f32(textureDimensions(may_show_map).x - 1u);
+    let place = (vec2f(front, back) - functions.first_cell) * functions.cells_per_texel;
+    return textureLoad(may_show_map, vec2u(clamp(place, vec2f(0.0), vec2f(cells))), kind, 0).x > 0u;
+}
+
+// Of the layers that a kind of brick has, those that show something of a piece: a bit each.
+fn layers_that_show(kind: u32, front: f32, back: f32) -> u32 {
+    var left = functions.kinds[kind / 4u][kind % 4u];
+    var found = 0u;
+    loop {
+        if left == 0u { break; }
+        let layer = firstTrailingBit(left);
+        left &= left - 1u;
+        let piece = classify_piece(function_of_layer(layer, 0u), front, back);
+        found |= select(0u, 1u << layer, piece.extinction > 0.0);
+    }
+    return found;
+}

@@ -1,0 +1,40 @@
+// What a stretch of a ray shows of an object whose regions have one function and style, with tints and opacities of their own
+// (docs/rendering.md §8): it is looked at once, and colored by the shares of the place.
+#import lib/function_one
+#import lib/region
+#import lib/stretch
+#import lib/tint
+#import {cut}
+
+// Opacity that is 1 but for the rounding of shares.
+const OPAQUE: f32 = 0.999999;
+
+fn seen(stretch: Stretch, march: March, shows: u32) -> Seen {
+    let p = march.first + along(stretch, 0.5) * march.stride;
+    let list = list_at(p);
+    // Sums over the looks of share × opacity, and of that × tint: untinted ones count in the first only.
+    var plain = 0.0;
+    var tints = vec4f(0.0);
+    var wanted = 0.0;
+    var i = 0u;
+    loop {
+        let is_rest = i >= list.count;
+        let entry = entry_of(list.first + i);
+        let look = look_texel(select(entry.x, 0u, is_rest), 0u);
+        let f = select(membership(entry.y, list.brick, p), max(1.0 - wanted, 0.0), is_rest);
+        wanted += select(f, 0.0, is_rest);
+        let weight = f * (abs(look.w) - 1.0);
+        plain += select(0.0, weight, look.w < 0.0);
+        tints += select(weight, 0.0, look.w < 0.0) * vec4f(look.rgb, 1.0);
+        i += 1u;
+        if is_rest { break; }
+    }
+    let function = only_function();
+    let piece = classify_piece(function, value_at(stretch, 0.0), value_at(stretch, 1.0));
+    let found = appearance(piece, function, stretch, march, cut_face(stretch, p, list, shows));
+    let color = found.style.rgb / max(found.style.a, 1e-30);
+    let share = (plain + tints.a) / max(wanted, 1.0);
+    let mixed = vec4f(plain * color + dot(LUMINANCE, color) * tints.rgb, plain + tints.a);
+    let alpha = share * found.alpha;
+    return Seen(mixed, select(alpha, 1.0, alpha > OPAQUE));
+}
