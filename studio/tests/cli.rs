@@ -476,7 +476,8 @@ fn select_takes_steps_in_their_order() {
     assert_eq!(first["selections"][0]["name"], "Selection 1");
     let filled = selected(&place, &[skull, "--add", ball, "--subtract", hole, "--fill-holes", "--shrink-mm", "1"]);
     let ball_ml = 4.0 / 3.0 * std::f64::consts::PI * 19_f64.powi(3) * 1e-3;
-    assert!((ml(&filled, 0) / ball_ml - 1.0).abs() < 0.02, "{filled}");
+    // A ball of seven voxels across: a 25th of its volume is a 15th of a voxel on its radius.
+    assert!((ml(&filled, 0) / ball_ml - 1.0).abs() < 0.04, "{filled}");
     // For 3-D Slicer, and for inspect.
     let output = place.run(&[
         "select",
