@@ -398,7 +398,7 @@ fn help_names_every_option() {
     for (command, words) in [
         (
             vec!["--help"],
-            vec!["open", "render", "template", "measure", "bench", "inspect", "adapters", "styles", "schema"],
+            vec!["open", "render", "template", "measure", "bench", "inspect", "select", "adapters", "styles", "schema"],
         ),
         (
             vec!["render", "--help"],
@@ -436,6 +436,29 @@ fn help_names_every_option() {
                 "--label-table",
             ],
         ),
+        (
+            vec!["select", "--help"],
+            vec![
+                "--name",
+                "--add",
+                "--subtract",
+                "--intersect",
+                "--labels",
+                "--invert",
+                "--grow-mm",
+                "--shrink-mm",
+                "--smooth-mm",
+                "--fill-holes",
+                "--keep-largest",
+                "--remove-smaller",
+                "--out",
+                "--json",
+                "--raw",
+                "tolerance=N",
+                "range LOW..HIGH",
+                "turn=R,A,S",
+            ],
+        ),
         (vec!["template", "--help"], vec!["--raw", "--series", "--frame", "--crop", "--reduce", "--memory", "--out"]),
         (
             vec!["measure", "--help"],
@@ -453,6 +476,146 @@ fn help_names_every_option() {
             assert!(text.contains(word), "{command:?} does not mention {word}");
         }
     }
+}
+
+/// What `fabrica select` prints as JSON.
+fn selected(place: &Place, arguments: &[&str]) -> serde_json::Value {
+    let output = place.run(&[&["select"], arguments, &["--json"]].concat());
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn select_takes_steps_in_their_order() {
+    let place = Place::new();
+    let skull = "specimen:head@48";
+    let ml = |report: &serde_json::Value, i: usize| report["selections"][i]["volume_ml"].as_f64().unwrap();
+    // The specimen's structures are the truth; its bone by value is nearly that.
+    let report = selected(
+        &place,
+        &[
+            skull,
+            "--name",
+            "bone",
+            "--add",
+            "range 250..",
+            "--name",
+            "truth",
+            "--add",
+            "labels specimen:head@48:skull,mandible,vertebrae",
+            "--name",
+            "both",
+            "--add",
+            "selection bone",
+            "--intersect",
+            "selection truth",
+            "--name",
+            "rest",
+            "--add",
+            "selection both",
+            "--invert",
+            "--out",
+            "all.nrrd",
+        ],
+    );
+    let names: Vec<_> = report["selections"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["bone", "truth", "both", "rest"]);
+    assert!(ml(&report, 2) > 0.5 * ml(&report, 1) && ml(&report, 2) <= ml(&report, 0), "{report}");
+    let mean = report["selections"][0]["mean"].as_f64().unwrap();
+    assert!(mean > 250.0 && report["selections"][3]["mean"].as_f64().unwrap() < mean, "{report}");
+    // What was written is what was measured, read back on the same scan.
+    let again = selected(&place, &[skull, "--labels", "all.nrrd"]);
+    for i in 0..4 {
+        assert_eq!(report["selections"][i], again["selections"][i]);
+    }
+    // The order counts: growing before and after another is taken away.
+    let ball = "ball 8,8,8 r=20";
+    let hole = "ball 8,8,8 r=10";
+    let first = selected(&place, &[skull, "--add", ball, "--grow-mm", "6", "--subtract", hole]);
+    let last = selected(&place, &[skull, "--add", ball, "--subtract", hole, "--grow-mm", "6"]);
+    assert!(ml(&first, 0) < ml(&last, 0) - 2.0, "{first} {last}");
+    assert_eq!(first["selections"][0]["name"], "Selection 1");
+    let filled = selected(&place, &[skull, "--add", ball, "--subtract", hole, "--fill-holes", "--shrink-mm", "1"]);
+    let ball_ml = 4.0 / 3.0 * std::f64::consts::PI * 19_f64.powi(3) * 1e-3;
+    // A ball of seven voxels across: a 25th of its volume is a 15th of a voxel on its radius.
+    assert!((ml(&filled, 0) / ball_ml - 1.0).abs() < 0.04, "{filled}");
+    // For 3-D Slicer, and for inspect.
+    let output = place.run(&[
+        "select",
+        skull,
+        "--labels",
+        "specimen:head@48:skull,cerebellum",
+        "--smooth-mm",
+        "2",
+        "-o",
+        "two.seg.nrrd",
+    ]);
+    let words = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success() && words.contains("skull") && words.contains("R, A, S in mm"), "{words}");
+    let output = place.run(&["inspect", skull, "--labels", "two.seg.nrrd", "--json"]);
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let structures = report["structures"].as_array().unwrap();
+    assert_eq!((structures.len(), &structures[1]["name"]), (2, &"cerebellum".into()));
+    assert!(structures.iter().all(|s| s["num_voxels"].as_u64() > Some(100)));
+}
+
+#[test]
+fn select_refuses_with_a_sentence() {
+    let place = Place::new();
+    let block = ["select", "block.raw", "--raw", "8x8x8xuint8"];
+    let usage = |more: &[&str]| place.fails(&[&block[..], more].concat(), 2);
+    assert!(usage(&[]).contains("nothing to select"));
+    assert!(usage(&["--name", "a"]).contains("nothing to select"));
+    assert!(usage(&["--add", "cube 1,2,3"]).contains("`cube` is none of range"));
+    assert!(usage(&["--add", "range 1..", "-o", "a.nii.gz"]).contains(".seg.nrrd"));
+    assert!(usage(&["--grow-mm", "-1"]).contains("at least 0"));
+    assert!(usage(&["--name", "a", "--name", "b", "--name", "a", "--add", "range 1.."]).contains("two selections `a`"));
+    assert!(usage(&["--add", "selection later"]).contains("no selection `later`"));
+    let fault = |more: &[&str]| place.fails(&[&block[..], more].concat(), 1);
+    assert!(fault(&["--add", "grow 99,0,0 tolerance=1"]).contains("outside of the scan"));
+    assert!(fault(&["--add", "labels none.nii.gz:liver"]).contains("no such file"));
+    std::fs::write(place.path("other.raw"), [1u8; 512]).unwrap();
+    assert!(fault(&["--add", "range 1..", "-o", "missing/a.nrrd"]).contains("no such folder"));
+    // Nothing selected is no fault, but said.
+    let report =
+        selected(&place, &["block.raw", "--raw", "8x8x8xuint8", "--add", "range 200..", "-o", "none.seg.nrrd"]);
+    assert_eq!(report["selections"][0]["volume_ml"], 0.0);
+    assert!(report["notes"][0].as_str().unwrap().contains("`Selection 1` is empty"), "{report}");
+}
+
+#[test]
+fn select_on_a_scan_with_its_label_map() {
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+    let data = std::env::var_os("FABRICA_TEST_DATA").map_or_else(beside, PathBuf::from);
+    if !data.is_dir() {
+        eprintln!("skipped: no test data; set FABRICA_TEST_DATA");
+        return;
+    }
+    let place = Place::new();
+    let file = |name: &str| data.join(name).to_str().unwrap().to_owned();
+    let (scan, labels) = (file("ct_abdomen_3mm_slab.nii.gz"), file("ct_abdomen_3mm_slab_labels.nii.gz"));
+    let report = selected(&place, &[&scan, "--labels", &labels, "-o", "all.seg.nrrd"]);
+    let structures = report["selections"].as_array().unwrap();
+    assert!(structures.len() > 20, "{}", structures.len());
+    let again = selected(&place, &[&scan, "--labels", "all.seg.nrrd"]);
+    for structure in structures {
+        let same = again["selections"].as_array().unwrap().iter().find(|s| s["name"] == structure["name"]).unwrap();
+        assert_eq!((&same["volume_ml"], &same["mean"]), (&structure["volume_ml"], &structure["mean"]));
+    }
+    let liver = format!("labels {labels}:liver");
+    let steps = [&scan, "--name", "liver", "--add", &liver, "--smooth-mm", "3", "--keep-largest", "-o", "liver.nrrd"];
+    let smooth = selected(&place, &steps);
+    let before = structures.iter().find(|s| s["name"] == "liver").unwrap()["volume_ml"].as_f64().unwrap();
+    let after = smooth["selections"][0]["volume_ml"].as_f64().unwrap();
+    assert!((after / before - 1.0).abs() < 0.03, "{before} ml became {after}");
+    // Growing from a voxel of the liver takes tissue like it, and stops at what is unlike.
+    let seed = "grow 90,170,130 tolerance=40";
+    let grown = selected(&place, &[&scan, "--add", seed, "--intersect", &liver]);
+    let share = grown["selections"][0]["volume_ml"].as_f64().unwrap() / before;
+    assert!((0.5..1.0).contains(&share), "{share} of the liver is like its middle");
+    let other = file("mr_abdomen_slab_labels.nii.gz");
+    let output = place.run(&["select", &scan, "--labels", &other]);
+    assert!(!output.status.success() && String::from_utf8_lossy(&output.stderr).contains("lies elsewhere"));
 }
 
 fn json_file(path: &Path) -> serde_json::Value {

@@ -190,13 +190,56 @@ fn replace(text: &str, from: &str, to: &str) -> String {
 
 #[test]
 fn defects_of_regions_are_noticed() {
-    planted("a region that is a voxel off", |t| replace(&t, "(within + 1.5)", "(within + 2.5)"));
+    planted("a region that is a voxel off", |t| replace(&t, "(within + 1.0)", "(within + 2.0)"));
     planted("overlaps that are counted twice", |t| replace(&t, "shown /= max(wanted, 1.0);", ""));
     planted("a background everywhere", |t| replace(&t, "max(1.0 - wanted, 0.0), is_rest);", "1.0, is_rest);"));
-    planted("d₀ of the background for all", |t| replace(&t, "found.alpha, look.lengths)", "found.alpha, 1.0)"));
-    planted("no tint", |t| replace(&t, "look.tint.rgb, look.tint.a)", "look.tint.rgb, 0.0)"));
-    planted("opacities left out", |t| replace(&t, "opacity_correct(look.opacity * found", "opacity_correct(found"));
+    planted("d₀ of the background for all", |t| replace(&t, "found.alpha, of_function.y)", "found.alpha, 1.0)"));
+    planted("no tint", |t| replace(&t, "color, tint.w < 0.0)", "color, true)"));
+    planted("opacities left out", |t| {
+        replace(&t, "opacity_correct((abs(tint.w) - 1.0) * found", "opacity_correct(found")
+    });
     planted("the first look for all", |t| replace(&t, "select(entry.x, 0u, is_rest)", "0u * entry.x"));
+}
+
+/// A body whose regions differ in color, and if so asked in opacity, alone.
+fn tinted(nodes: &[(f64, &str, f64)], factors: [f64; 2], quality: Quality) -> Scene {
+    let volume = lumpy();
+    let mut scene = phantom::scene(&volume, nodes, quality);
+    let pool = Arc::default();
+    let one = selection(&volume.grid, &pool, |p| ball(p, DVec3::new(-4.0, 3.0, 1.0), 7.0));
+    add(&mut scene, one, nodes, 1.0, Some([0.9, 0.3, 0.1]), factors[0]);
+    let half = selection(&volume.grid, &pool, |p| f64::from(u8::from(p.x + 0.3 * p.z > 2.0)));
+    add(&mut scene, half, nodes, 1.0, Some([0.2, 0.6, 0.9]), factors[1]);
+    add(&mut scene, selection(&volume.grid, &pool, |p| 0.1 * p.y), nodes, 1.0, None, 1.0);
+    scene
+}
+
+#[test]
+fn tints_of_one_function_draw_what_the_equations_say() {
+    let mut renderer = renderer();
+    for nodes in [BODY, VEIL, THIN] {
+        for factors in [[1.0, 1.0], [0.3, 0.0]] {
+            let found = compare(&mut renderer, &tinted(nodes, factors, Quality::STANDARD));
+            println!("{} {factors:?}: {found:?}", nodes[0].1);
+            found.unwrap();
+        }
+    }
+    // What is hidden needs no function of its own: a background of no opacity, as the studio makes it.
+    let mut scene = tinted(BODY, [1.0, 0.5], Quality::STANDARD);
+    scene.objects[0].transfer_function.nodes.iter_mut().for_each(|n| n.opacity = 0.0);
+    let report = renderer.render_bands(&scene, SIZE, &RenderOptions::default(), &Progress::new(), |_| Ok(())).unwrap();
+    assert!(report.pipeline.ends_with("regions cuts"), "{}", report.pipeline);
+    compare(&mut renderer, &scene).unwrap();
+    let scene = tinted(VEIL, [0.7, 0.4], Quality::balanced(1.0));
+    let planted: [(&str, ShaderPatch); 4] = [
+        ("no tints", |t| replace(&t, "plain * color + dot(LUMINANCE, color) * tints.rgb", "(plain + tints.a) * color")),
+        ("no opacities", |t| replace(&t, "f * (abs(look.w) - 1.0)", "f")),
+        ("tints for all", |t| replace(&t, "select(weight, 0.0, look.w < 0.0)", "weight")),
+        ("no overlaps", |t| replace(&t, "(plain + tints.a) / max(wanted, 1.0)", "plain + tints.a")),
+    ];
+    for (name, patch) in planted {
+        notices(&scene, name, patch);
+    }
 }
 
 /// A box of one value, of which a ball is left out: its walls have no gradient but that of the memberships.
@@ -340,7 +383,8 @@ fn extremes_of_regions() {
     let mut scene = phantom::scene(&volume, SOLID, ENDLESS);
     add(&mut scene, selection(&grid, &pool, |_| 1.0), BODY, 1.0, None, 1.0);
     let found = difference(&draw(&mut renderer, &scene), &plain);
-    assert!(found < 2e-5, "{found}");
+    // Steel, which no place has, is sharper than bone: parts are looked at more often.
+    assert!(found < 1e-3, "{found}");
     // A membership of 1/255, which must neither vanish nor count as whole.
     let mut scene = homogeneous(0.0);
     let faint = selection(&scene.objects[0].volume.grid, &pool, |_| 1.0 / 255.0);

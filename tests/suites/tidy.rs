@@ -6,6 +6,7 @@ use std::process::Command;
 
 use fabrica_engine::gpu::shader_library::{MODULES, RaycastKey};
 use fabrica_engine::pass::raycast::{FrameUniform, ObjectUniform};
+use fabrica_engine::pass::regions::{FunctionsUniform, LayerUniform, RegionsUniform};
 use fabrica_engine::scene::quality::{MAX_ROUNDS, PARTS};
 use fabrica_engine::wgpu::naga;
 use fabrica_tests::checkout;
@@ -93,6 +94,8 @@ fn shader_layout(name: &str) -> (u32, Vec<(u32, String)>) {
             colors: false,
             alpha: false,
             regions: true,
+            functions: true,
+            cuts: true,
             resumed: false,
         }
         .wgsl()
@@ -113,6 +116,9 @@ fn uniforms_lie_as_the_shaders_read_them() {
     for (name, size, fields) in [
         ("Frame", size_of::<FrameUniform>(), FrameUniform::FIELDS),
         ("Object", size_of::<ObjectUniform>(), ObjectUniform::FIELDS),
+        ("Regions", size_of::<RegionsUniform>(), RegionsUniform::FIELDS),
+        ("Functions", size_of::<FunctionsUniform>(), FunctionsUniform::FIELDS),
+        ("Layer", size_of::<LayerUniform>(), LayerUniform::FIELDS),
     ] {
         let (span, members) = shader_layout(name);
         assert_eq!(span as usize, size, "{name}");

@@ -7,7 +7,8 @@
 //!
 //! What makes one: [`Shape`] and [`Lasso`] in space, a range of a scan's values ([`select_range`]), growing from seeds
 //! ([`Growth`]), the structures of label maps ([`from_label_maps`]), files ([`read_selections`]). Each gives a selection of its
-//! own, and [`Selection::combine`] puts it into another; only the brush ([`Stroke`]) edits in place. "In" means a membership of at least 0.5 ([`IN`]) wherever there must be a border: distances, islands, holes, label maps.
+//! own, and [`Selection::combine`] puts it into another; only the brush ([`Stroke`]) edits in place. "In" means a membership of
+//! at least 0.5 ([`IN`]) wherever there must be a border: distances, islands, holes, label maps.
 
 mod brick;
 mod combine;

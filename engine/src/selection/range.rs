@@ -15,8 +15,8 @@ pub enum Edge {
     Crisp,
     /// Partly in, as a voxel is that the surface of equal values cuts: f = ½ + (value − bound) / g, from 0 to 1, g being the
     /// norm of the values' differences across a voxel (central ones; one-sided at the faces and beside gaps). For values that
-    /// are linear around the voxel that is its part beyond the surface; in even regions it is the crisp selection, and
-    /// f ≥ ½ always is.
+    /// are linear around the voxel that is its part beyond the surface; where no neighbor by a face lies on the other side of
+    /// a bound it is the crisp selection, and f ≥ ½ always is.
     #[default]
     PartialVolume,
     /// f rises from 0 to 1 over this many units of the values, ½ at the bound.
@@ -39,19 +39,46 @@ impl Range {
         if !value.is_finite() {
             return 0;
         }
-        self.of(value, || slope(scan, voxel, value))
-    }
-
-    /// Of a value with the slope there.
-    fn of(&self, value: f64, slope: impl FnOnce() -> f64) -> u8 {
         // The bound that is nearer decides; the other one lies on the side where f is larger.
-        let inside = (value - self.low).min(self.high - value);
+        let inside = self.inside(value);
         let width = match self.edge {
             Edge::Crisp => 0.0,
             Edge::Linear(width) => width,
-            Edge::PartialVolume => slope(),
+            Edge::PartialVolume => self.width(scan, voxel, value),
         };
         if width > 0.0 { quantized(0.5 + inside / width) } else { quantized(f64::from(u8::from(inside >= 0.0))) }
+    }
+
+    /// How far a value lies in the range; below 0 outside.
+    fn inside(&self, value: f64) -> f64 {
+        (value - self.low).min(self.high - value)
+    }
+
+    /// Norm of the differences of the values per voxel along x, y, z, where the surface passes between the voxel and one of its
+    /// six neighbors; else 0: along the skin, values rise steeply and yet never reach those of bone.
+    fn width(&self, scan: &Volume, voxel: [usize; 3], value: f64) -> f64 {
+        let dims = scan.grid.dims();
+        let is_in = self.inside(value) >= 0.0;
+        let mut is_cut = false;
+        let mut at = |a: usize, n: usize| {
+            let mut other = voxel;
+            other[a] = n;
+            let value = scan.value(other[0], other[1], other[2]);
+            is_cut |= value.is_finite() && (self.inside(value) >= 0.0) != is_in;
+            value.is_finite().then_some(value)
+        };
+        let mut squared = 0.0;
+        for a in 0..3 {
+            let before = voxel[a].checked_sub(1).and_then(|n| at(a, n));
+            let after = Some(voxel[a] + 1).filter(|n| *n < dims[a]).and_then(|n| at(a, n));
+            let difference: f64 = match (before, after) {
+                (Some(before), Some(after)) => 0.5 * (after - before),
+                (Some(one), None) | (None, Some(one)) => value - one,
+                (None, None) => 0.0,
+            };
+            squared += difference * difference;
+        }
+        if is_cut { squared.sqrt() } else { 0.0 }
     }
 
     /// How far from a bound a value may be and yet be partly in, in a brick whose values, border included, span `span`.
@@ -63,27 +90,6 @@ impl Range {
             Edge::PartialVolume => 0.5 * 3_f64.sqrt() * span,
         }
     }
-}
-
-/// Norm of the differences of the values per voxel along x, y, z.
-fn slope(scan: &Volume, voxel: [usize; 3], value: f64) -> f64 {
-    let dims = scan.grid.dims();
-    let at = |a: usize, n: usize| {
-        let mut other = voxel;
-        other[a] = n;
-        let value = scan.value(other[0], other[1], other[2]);
-        value.is_finite().then_some(value)
-    };
-    let difference = |a: usize| {
-        let before = voxel[a].checked_sub(1).and_then(|n| at(a, n));
-        let after = Some(voxel[a] + 1).filter(|n| *n < dims[a]).and_then(|n| at(a, n));
-        match (before, after) {
-            (Some(before), Some(after)) => 0.5 * (after - before),
-            (Some(one), None) | (None, Some(one)) => value - one,
-            (None, None) => 0.0,
-        }
-    };
-    (0..3).map(|a| difference(a).powi(2)).sum::<f64>().sqrt()
 }
 
 /// The voxels of a scan whose data values lie from `low` to `high` (either may be infinite; none if low > high), on its grid.

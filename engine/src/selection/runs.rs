@@ -5,7 +5,7 @@ use std::collections::HashMap;
 
 use rayon::prelude::*;
 
-use super::{BRICK, BRICK_VOXELS, BrickDiff, Selection, VoxelBox};
+use super::{BRICK, BRICK_VOXELS, Brick, BrickDiff, Selection, VoxelBox};
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -173,6 +173,23 @@ impl Patches {
             let row = BRICK * (y % BRICK + BRICK * (z % BRICK));
             for x in x..end {
                 values[row + x % BRICK] = value([x, y, z]);
+            }
+            x = end;
+        }
+    }
+
+    /// Sets the voxels `from .. to` of a row to what they are in a selection; all others of their bricks are empty.
+    pub fn copy_run(&mut self, source: &Selection, [from, to]: [usize; 2], [y, z]: [usize; 2]) {
+        let mut x = from;
+        while x < to {
+            let place = [x / BRICK, y / BRICK, z / BRICK];
+            let end = to.min((place[0] + 1) * BRICK);
+            let values = self.0.entry(place).or_insert_with(|| Box::new([0; BRICK_VOXELS]));
+            let row = BRICK * (y % BRICK + BRICK * (z % BRICK));
+            let (first, last) = (row + x % BRICK, row + x % BRICK + end - x);
+            match source.brick(place) {
+                Brick::Uniform(value) => values[first..last].fill(*value),
+                Brick::Voxels(brick) => values[first..last].copy_from_slice(&brick.values[first..last]),
             }
             x = end;
         }

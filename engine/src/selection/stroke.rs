@@ -14,8 +14,8 @@ pub enum Profile {
     /// 1 up to the radius, with a border one voxel wide.
     #[default]
     Hard,
-    /// A Gaussian with half the radius as its standard deviation, lowered so that it is 0 at the radius: (e^(−2t²) − e^(−2)) /
-    /// (1 − e^(−2)), t being the distance in radii; ½ at 0.53.
+    /// A Gaussian with half the radius as its standard deviation, lowered so that it is 0 at the radius:
+    /// (e^(−2t²) − e^(−2)) / (1 − e^(−2)), t being the distance in radii; ½ at 0.53.
     Soft,
 }
 

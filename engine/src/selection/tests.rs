@@ -242,6 +242,20 @@ fn ranges_select_what_their_bounds_say() {
 }
 
 #[test]
+fn steep_slopes_that_end_below_a_bound_select_nothing() {
+    // Air, a skin of 0, fat: no bone, though half the way from air to skin is steeper than from skin to bone.
+    let values =
+        (0..20 * 8 * 8).map(|i| [-1000.0, -1000.0, -600.0, -100.0, 0.0, -50.0][(i % 20_usize).min(5)]).collect();
+    let skin = scan([20, 8, 8], values);
+    let bone = select_range(&skin, [150.0, 3000.0], Edge::PartialVolume, &Arc::default(), &Progress::new()).unwrap();
+    assert!(bone.is_empty());
+    let body = select_range(&skin, [-300.0, 3000.0], Edge::PartialVolume, &Arc::default(), &Progress::new()).unwrap();
+    assert_eq!((body.get([2, 4, 4]), body.get([3, 4, 4]), body.get([4, 4, 4])), (0, 255, 255));
+    let fat = select_range(&skin, [-700.0, -90.0], Edge::PartialVolume, &Arc::default(), &Progress::new()).unwrap();
+    assert_eq!((fat.get([2, 4, 4]), fat.get([4, 4, 4]), fat.get([6, 4, 4])), (184, 0, 0));
+}
+
+#[test]
 fn partial_volume_is_the_part_beyond_the_surface() {
     // The distance from a slanting plane, in voxels: the surface cuts voxels wherever it likes.
     let dims = [40, 40, 40];

@@ -49,13 +49,13 @@ pub struct Arguments {
     #[arg(long, num_args = 0, action = clap::ArgAction::Append, default_missing_value = "true", value_name = "")]
     invert: Vec<bool>,
     /// Move the surface outward.
-    #[arg(long, value_name = "MM", value_parser = parse_mm)]
+    #[arg(long, value_name = "MM", value_parser = parse_mm, allow_negative_numbers = true)]
     grow_mm: Vec<f64>,
     /// Move the surface inward.
-    #[arg(long, value_name = "MM", value_parser = parse_mm)]
+    #[arg(long, value_name = "MM", value_parser = parse_mm, allow_negative_numbers = true)]
     shrink_mm: Vec<f64>,
     /// Smooth with a Gaussian of this standard deviation; the volume stays, as a whole.
-    #[arg(long, value_name = "MM", value_parser = parse_mm)]
+    #[arg(long, value_name = "MM", value_parser = parse_mm, allow_negative_numbers = true)]
     smooth_mm: Vec<f64>,
     /// Fill what is enclosed: in space, or in every slice across an axis of the grid (x, y or z).
     #[arg(long, num_args = 0..=1, default_missing_value = "space", value_name = "AXIS", value_parser = parse_holes)]
@@ -64,7 +64,7 @@ pub struct Arguments {
     #[arg(long, num_args = 0..=1, default_missing_value = "1", value_name = "N")]
     keep_largest: Vec<usize>,
     /// Take islands of less than this volume out.
-    #[arg(long, value_name = "ML", value_parser = parse_mm)]
+    #[arg(long, value_name = "ML", value_parser = parse_mm, allow_negative_numbers = true)]
     remove_smaller: Vec<f64>,
     /// Where to write the selections: FILE.seg.nrrd (in or out) or FILE.nrrd (how far in).
     #[arg(short, long, value_name = "FILE")]

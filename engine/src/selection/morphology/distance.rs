@@ -3,11 +3,12 @@
 //! The surface is where the memberships, linear between neighboring voxels, cross ½. Every voxel beside it gets the nearest point
 //! of the plane through its crossings along the axes, with the plane's normal. The nearest of these voxels is found for every
 //! other by the separable Euclidean distance transform (P. Felzenszwalb and D. Huttenlocher, Distance Transforms of Sampled
-//! Functions, 2012), which is exact on grids with right angles; on sheared ones neighbors then exchange what they found until
-//! it is the nearest in space. The distance is that to the plane's point, less what the point is beside the foot of the
-//! perpendicular, for up to half a voxel: points lie a voxel apart.
+//! Functions, 2012), which is exact on grids with right angles; then neighbors exchange what they found, as the nearest point
+//! need not be that of the nearest voxel: once, and on sheared grids until nothing gets nearer. The distance is that to the
+//! plane's point, less what the point is beside the foot of the perpendicular, for up to three quarters of a voxel: points lie
+//! as far apart as voxels. Of balls of 6 to 20 mm, on grids of 0.6 to 2 mm, the radius comes out right to 0.04 mm.
 
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DMat3, DVec3, Mat3, Vec3};
 
 use crate::selection::fill::{places, quantized};
 use crate::selection::{IN, Selection, VoxelBox};
@@ -16,6 +17,9 @@ use crate::spaces::Grid;
 /// No point is known.
 const NOWHERE: u32 = u32::MAX;
 
+/// How far beside a foot the surface is taken to go on straight, in voxels: half the diagonal of a face, and a little.
+const BESIDE: f32 = 0.75;
+
 /// Where ½ lies between memberships.
 const HALF: f64 = 127.5;
 
@@ -23,6 +27,8 @@ const HALF: f64 = 127.5;
 pub struct Distances {
     world_from_index: DMat3,
     index_from_world: DMat3,
+    /// The same in the precision of distances.
+    narrow: Mat3,
     spacing: DVec3,
     is_upright: bool,
     margin: [usize; 3],
@@ -61,7 +67,15 @@ impl Distances {
         let dims = grid.dims();
         // Beyond the grid there is nothing to look at.
         let margin = std::array::from_fn(|a| (half[a].ceil() as usize).saturating_add(2).min(dims[a]));
-        Self { world_from_index, index_from_world, spacing, is_upright, margin, dims }
+        Self {
+            world_from_index,
+            index_from_world,
+            narrow: index_from_world.as_mat3(),
+            spacing,
+            is_upright,
+            margin,
+            dims,
+        }
     }
 
     /// Voxels around a block that decide about it.
@@ -90,10 +104,12 @@ impl Distances {
         if feet.is_empty() {
             return Moved::All(if f[0] >= IN { 255 } else { 0 });
         }
-        self.transform(&mut nearest, size);
-        if !self.is_upright {
-            self.exchange(&mut nearest, &feet, size);
-        }
+        let squared = self.transform(&mut nearest, size);
+        // Farther from voxels beside the surface than this, a voxel is wholly in or out. On sheared grids the transform's distances
+        // are none.
+        let far = mm.abs() + 2.5 * self.spacing.max_element();
+        let far_squared = if self.is_upright { (far * far) as f32 } else { f32::INFINITY };
+        self.exchange(&mut nearest, &feet, size, |i| squared[i] > far_squared);
         let [nx, ny, _] = size;
         let strides = [1, nx, nx * ny];
         let mut moved = Vec::with_capacity(block.iter().map(|[from, to]| to - from).product());
@@ -102,6 +118,10 @@ impl Distances {
                 for x in block[0][0]..block[0][1] {
                     let at = [x - region[0][0], y - region[1][0], z - region[2][0]];
                     let i = at[0] + nx * (at[1] + ny * at[2]);
+                    if squared[i] > far_squared {
+                        moved.push(if f[i] >= IN { 255 } else { 0 });
+                        continue;
+                    }
                     let here = self.place(at);
                     let mut best = (f32::INFINITY, Vec3::Z);
                     let mut look = |id: u32| {
@@ -110,14 +130,13 @@ impl Distances {
                             best = if found.0 < best.0 { found } else { best };
                         }
                     };
-                    look(nearest[i]);
+                    // And the points that neighbors found, as a voxel's center is not its point.
+                    let own = nearest[i];
+                    look(own);
                     for a in 0..3 {
-                        if at[a] > 0 {
-                            look(nearest[i - strides[a]]);
-                        }
-                        if at[a] + 1 < size[a] {
-                            look(nearest[i + strides[a]]);
-                        }
+                        let before = (at[a] > 0).then(|| nearest[i - strides[a]]);
+                        let after = (at[a] + 1 < size[a]).then(|| nearest[i + strides[a]]);
+                        before.into_iter().chain(after).filter(|id| *id != own).for_each(&mut look);
                     }
                     let distance = f64::from(if f[i] >= IN { -best.0 } else { best.0 });
                     let width = (self.world_from_index.transpose() * best.1.as_dvec3()).length();
@@ -135,14 +154,14 @@ impl Distances {
     /// From a place to the surface near a foot, in mm, and the direction there.
     fn distance(&self, here: Vec3, foot: &Foot) -> (f32, Vec3) {
         let offset = here - foot.at;
-        let height = offset.dot(foot.normal);
         let squared = offset.length_squared();
-        let beside_squared = (squared - height * height).max(0.0);
-        let most = 0.5 * self.spacing.max_element() as f32;
-        let distance = (squared - beside_squared.min(most * most)).max(0.0).sqrt();
-        let length = squared.sqrt();
+        let beside = offset - offset.dot(foot.normal) * foot.normal;
+        // In voxels, as that is how far apart the feet are.
+        let num_voxels = (self.narrow * beside).length();
+        let share = if num_voxels > BESIDE { BESIDE / num_voxels } else { 1.0 };
+        let distance = (squared - share * share * beside.length_squared()).max(0.0).sqrt();
         // Beside the surface the offset says nothing about its direction.
-        (distance, if length > most { offset / length } else { foot.normal })
+        (distance, if share < 1.0 { offset / squared.sqrt() } else { foot.normal })
     }
 
     /// The voxels beside the surface, each with its foot: their numbers in place, and the feet.
@@ -152,8 +171,8 @@ impl Distances {
         let mut number = vec![NOWHERE; f.len()];
         let mut feet = Vec::new();
         let normal_from_plane = self.index_from_world.transpose();
-        for i in 0..f.len() {
-            let at = [i % nx, i / nx % ny, i / (nx * ny)];
+        let places = (0..size[2]).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])));
+        for (i, at) in places.enumerate() {
             let here = f64::from(f[i]);
             let is_in = f[i] >= IN;
             // The plane crosses axis a where m · x = 1.
@@ -174,7 +193,8 @@ impl Distances {
                     look(i + strides[a], 1.0);
                 }
             }
-            if m != DVec3::ZERO {
+            // Each crossing is nearer to one of its two voxels, which also sees more of the axes that the surface crosses.
+            if m.abs().max_element() >= 2.0 - 1e-9 {
                 let toward = normal_from_plane * m;
                 let foot = toward / toward.length_squared();
                 number[i] = feet.len() as u32;
@@ -184,8 +204,9 @@ impl Distances {
         (number, feet)
     }
 
-    /// Gives every voxel the number of the nearest one that has one, as if the axes were at right angles.
-    fn transform(&self, number: &mut [u32], size: [usize; 3]) {
+    /// Gives every voxel the number of the nearest one that has one, as if the axes were at right angles. Returns the squares of
+    /// the distances.
+    fn transform(&self, number: &mut [u32], size: [usize; 3]) -> Vec<f32> {
         let mut squared = vec![f32::INFINITY; number.len()];
         squared.iter_mut().zip(number.iter()).filter(|(_, n)| **n != NOWHERE).for_each(|(d, _)| *d = 0.0);
         let strides = [1, size[0], size[0] * size[1]];
@@ -200,11 +221,13 @@ impl Distances {
                 }
             }
         }
+        squared
     }
 
-    /// Lets neighbors exchange what they found, there and back, until nothing gets nearer.
-    fn exchange(&self, number: &mut [u32], feet: &[Foot], size: [usize; 3]) {
-        const MOST: usize = 6;
+    /// Lets neighbors exchange what they found, there and back, until nothing gets nearer; on upright grids once, as what they
+    /// found is nearly right.
+    fn exchange(&self, number: &mut [u32], feet: &[Foot], size: [usize; 3], is_far: impl Fn(usize) -> bool) {
+        let most = if self.is_upright { 2 } else { 6 };
         let [nx, ny, nz] = size;
         let mut distance: Vec<f32> = vec![f32::INFINITY; number.len()];
         let squared = |at: [usize; 3], id: u32| {
@@ -213,11 +236,14 @@ impl Distances {
         for (i, d) in distance.iter_mut().enumerate() {
             *d = squared([i % nx, i / nx % ny, i / (nx * ny)], number[i]);
         }
-        for round in 0..MOST {
+        for round in 0..most {
             let mut has_changed = false;
             let is_back = round % 2 == 1;
             for n in 0..number.len() {
                 let i = if is_back { number.len() - 1 - n } else { n };
+                if is_far(i) {
+                    continue;
+                }
                 let at = [i % nx, i / nx % ny, i / (nx * ny)];
                 for z in at[2].saturating_sub(1)..(at[2] + 2).min(nz) {
                     for y in at[1].saturating_sub(1)..(at[1] + 2).min(ny) {

@@ -94,7 +94,7 @@ impl Islands {
         let mut kept = Selection::empty(*self.selection.grid(), self.selection.pool());
         let mut patches = Patches::default();
         for (run, _) in self.runs.runs.iter().zip(&self.island).filter(|(_, i)| **i != NONE && keep(**i as usize)) {
-            patches.set_run(&kept, [run.from, run.to], self.runs.y_z(run), |voxel| self.selection.get(voxel));
+            patches.copy_run(&self.selection, [run.from, run.to], self.runs.y_z(run));
         }
         patches.apply(&mut kept);
         kept

@@ -47,15 +47,14 @@ fn a_ball_that_grows_or_shrinks_is_a_ball() {
             let mut moved = before.clone();
             let mut undo = moved.grow_mm(mm, &progress).unwrap();
             let ratio = moved.volume_ml() / ball_ml(14.0 + mm);
-            // The radius to 6 hundredths of a voxel; where it grows, that is less than 1 % of the volume.
             let off_mm = (ratio.cbrt() - 1.0).abs() * (14.0 + mm);
-            assert!(off_mm < 0.06 * spacing[2], "{mm} mm at spacing {spacing:?}, shear {shear}: {off_mm} mm, {ratio}");
-            assert!((ratio - 1.0).abs() < 0.01 || mm < 0.0, "{mm} mm at spacing {spacing:?}, shear {shear}: {ratio}");
+            assert!(off_mm < 0.04, "{mm} mm at spacing {spacing:?}, shear {shear}: {off_mm} mm off");
+            assert!((ratio - 1.0).abs() < 0.01, "{mm} mm at spacing {spacing:?}, shear {shear}: {ratio}");
             // And round: no voxel is far from what the ball of that size has.
             let expected = ball(&grid, index, 14.0 + mm);
             let all = dims.map(|n| [0, n]);
             let worst = moved.values(all).iter().zip(expected.values(all)).map(|(a, b)| a.abs_diff(b)).max();
-            assert!(worst.unwrap() < 70, "{mm} mm at spacing {spacing:?}, shear {shear}: off by {worst:?}");
+            assert!(worst.unwrap() < 100, "{mm} mm at spacing {spacing:?}, shear {shear}: off by {worst:?}");
             moved.swap(&mut undo);
             assert!(moved.changed_since(&before).is_empty());
         }
