@@ -22,6 +22,9 @@
 #if regions
 #import bind/regions
 #end
+#if cuts
+#import lib/cut_face
+#end
 
 // Parts of a piece that shows something.
 const PARTS: u32 = 4u;
@@ -130,6 +133,11 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         let shows = 1u;
         let num_parts = num_pieces(length_k * f32(PARTS));
 #end
+#if cuts
+        let cut = cut_face(first + piece_middle(k, steps) * stride, front, back, shows);
+#else
+        let cut = vec4f(0.0);
+#end
         var ended = false;
         var j = u32(met);
         loop {
@@ -148,7 +156,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             loop {
                 let share = 1.0 / f32(looks);
                 let stretch = Stretch(edge, next, f32(k), before, place, f32(i), share);
-                let found = seen(stretch, march, shows);
+                let found = seen(stretch, march, shows, cut);
                 let opacity = opacity_correct(found.alpha, exponent * (place - before) * share);
                 accumulated = composite(accumulated, found.style, select(opacity, 0.0, j == 0u));
                 i += 1u;

@@ -1,19 +1,17 @@
-// Faces where what shows ends with a region rather than by its own values (docs/rendering.md §8).
+// Faces where what shows ends with a region rather than by its own values (docs/rendering.md §8). Once a piece: a software adapter
+// goes through it whether it is needed or not.
 #import lib/region
-#import lib/stretch
+#import lib/transfer_function
 #if functions
 #import lib/functions
 #end
 
-// ‖ĝ‖ up to which the end of a region makes a face, and from which on the data's own surface does.
-const NO_MATERIAL_EDGE: f32 = 0.025;
-const MATERIAL_EDGE: f32 = 0.05;
 // Change over a voxel, as a share of what shows, from which on the end of a region is a face and no transition.
 const SHARP_END: f32 = 0.25;
 
-// Outward normal in the world, and weight.
-fn cut_face(stretch: Stretch, p: vec3f, list: List, shows: u32) -> vec4f {
-    let flat = 1.0 - smoothstep(NO_MATERIAL_EDGE, MATERIAL_EDGE, length(slope_at(stretch, 0.5)));
+// Outward normal in the world, and weight, at the middle p of a piece with these values at its ends.
+fn cut_face(p: vec3f, front: f32, back: f32, shows: u32) -> vec4f {
+    let list = list_at(p);
     // What the regions want of the place half a voxel before and behind it along each axis, and how much of that shows.
     var wanted_before = vec3f(0.0);
     var wanted_behind = vec3f(0.0);
@@ -21,10 +19,9 @@ fn cut_face(stretch: Stretch, p: vec3f, list: List, shows: u32) -> vec4f {
     var shown_behind = vec3f(0.0);
     var i = 0u;
     loop {
-        if i > list.count || list.count == 0u || flat <= 0.0 { break; }
-        let is_rest = i == list.count;
+        let is_rest = i >= list.count;
         let entry = entry_of(list.first + i);
-        let opacity = shown_of(select(entry.x, 0u, is_rest), stretch, shows);
+        let opacity = shown_of(select(entry.x, 0u, is_rest), front, back, shows);
         let before = select(memberships(entry.y, list.brick, p, -0.5), max(1.0 - wanted_before, vec3f(0.0)), is_rest);
         let behind = select(memberships(entry.y, list.brick, p, 0.5), max(1.0 - wanted_behind, vec3f(0.0)), is_rest);
         wanted_before += before;
@@ -32,23 +29,23 @@ fn cut_face(stretch: Stretch, p: vec3f, list: List, shows: u32) -> vec4f {
         shown_before += opacity * before;
         shown_behind += opacity * behind;
         i += 1u;
+        if is_rest { break; }
     }
     let a = shown_before / max(wanted_before, vec3f(1.0));
     let b = shown_behind / max(wanted_behind, vec3f(1.0));
     let most = max(max(max(a.x, a.y), a.z), max(max(b.x, b.y), b.z));
     let change = b - a;
     let world = regions.world_x * change.x + regions.world_y * change.y + regions.world_z * change.z;
-    let weight = flat * smoothstep(0.0, SHARP_END, length(change) / max(most, 1e-30));
+    let weight = smoothstep(0.0, SHARP_END, length(change) / max(most, 1e-30));
     return vec4f(-world / max(length(world), 1e-30), weight);
 }
 
 // How much of a look shows, without its style; up to a factor, where all have one function.
-fn shown_of(look: u32, stretch: Stretch, shows: u32) -> f32 {
+fn shown_of(look: u32, front: f32, back: f32, shows: u32) -> f32 {
     let opacity = abs(look_texel(look, 0u).w) - 1.0;
 #if functions
-    let function = look_texel(look, 1u);
-    let layer = u32(function.x);
-    let piece = classify_piece(function_of_layer(layer, 0u), value_at(stretch, 0.0), value_at(stretch, 1.0));
+    let layer = u32(look_texel(look, 1u).x);
+    let piece = classify_piece(function_of_layer(layer, 0u), front, back);
     return select(0.0, opacity * one_minus_exp(-piece.extinction), (shows >> layer & 1u) != 0u);
 #else
     return opacity;

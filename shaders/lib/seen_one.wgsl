@@ -2,8 +2,8 @@
 #import lib/function_one
 #import lib/stretch
 
-fn seen(stretch: Stretch, march: March, shows: u32) -> Seen {
+fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
     let function = only_function();
     let piece = classify_piece(function, value_at(stretch, 0.0), value_at(stretch, 1.0));
-    return appearance(piece, function, stretch, march, vec4f(0.0));
+    return appearance(piece, function, stretch, march, cut);
 }

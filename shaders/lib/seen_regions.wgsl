@@ -3,15 +3,13 @@
 #import lib/region
 #import lib/stretch
 #import lib/tint
-#import {cut}
 
 // Opacity that is 1 but for the rounding of shares.
 const OPAQUE: f32 = 0.999999;
 
-fn seen(stretch: Stretch, march: March, shows: u32) -> Seen {
+fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
     let p = march.first + along(stretch, 0.5) * march.stride;
     let list = list_at(p);
-    let cut = cut_face(stretch, p, list, shows);
     var shown = vec4f(0.0);
     // What the regions want of the place.
     var wanted = 0.0;
@@ -22,21 +20,17 @@ fn seen(stretch: Stretch, march: March, shows: u32) -> Seen {
         let look = select(entry.x, 0u, is_rest);
         let f = select(membership(entry.y, list.brick, p), max(1.0 - wanted, 0.0), is_rest);
         wanted += select(f, 0.0, is_rest);
-        loop {
-            if f <= 0.0 { break; }
-            let of_function = look_texel(look, 1u);
-            let layer = u32(of_function.x);
-            if (shows >> layer & 1u) == 0u { break; }
-            let function = function_of_layer(layer, u32(of_function.z));
-            let piece = classify_piece(function, value_at(stretch, 0.0), value_at(stretch, 1.0));
-            let found = appearance(piece, function, stretch, march, cut);
-            let color = found.style.rgb / max(found.style.a, 1e-30);
-            let tint = look_texel(look, 0u);
-            let tinted = select(dot(LUMINANCE, color) * tint.rgb, color, tint.w < 0.0);
-            let alpha = opacity_correct((abs(tint.w) - 1.0) * found.alpha, of_function.y);
-            shown += f * alpha * vec4f(tinted, 1.0);
-            break;
-        }
+        let of_function = look_texel(look, 1u);
+        let layer = u32(of_function.x);
+        let function = function_of_layer(layer, u32(of_function.z));
+        let piece = classify_piece(function, value_at(stretch, 0.0), value_at(stretch, 1.0));
+        let found = appearance(piece, function, stretch, march, cut);
+        let color = found.style.rgb / max(found.style.a, 1e-30);
+        let tint = look_texel(look, 0u);
+        let tinted = select(dot(LUMINANCE, color) * tint.rgb, color, tint.w < 0.0);
+        let alpha = opacity_correct((abs(tint.w) - 1.0) * found.alpha, of_function.y);
+        let weight = select(0.0, f * alpha, (shows >> layer & 1u) != 0u);
+        shown += weight * vec4f(tinted, 1.0);
         i += 1u;
         if is_rest { break; }
     }

@@ -4,12 +4,11 @@
 #import lib/region
 #import lib/stretch
 #import lib/tint
-#import {cut}
 
 // Opacity that is 1 but for the rounding of shares.
 const OPAQUE: f32 = 0.999999;
 
-fn seen(stretch: Stretch, march: March, shows: u32) -> Seen {
+fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
     let p = march.first + along(stretch, 0.5) * march.stride;
     let list = list_at(p);
     // Sums over the looks of share × opacity, and of that × tint: untinted ones count in the first only.
@@ -31,7 +30,7 @@ fn seen(stretch: Stretch, march: March, shows: u32) -> Seen {
     }
     let function = only_function();
     let piece = classify_piece(function, value_at(stretch, 0.0), value_at(stretch, 1.0));
-    let found = appearance(piece, function, stretch, march, cut_face(stretch, p, list, shows));
+    let found = appearance(piece, function, stretch, march, cut);
     let color = found.style.rgb / max(found.style.a, 1e-30);
     let share = (plain + tints.a) / max(wanted, 1.0);
     let mixed = vec4f(plain * color + dot(LUMINANCE, color) * tints.rgb, plain + tints.a);

@@ -58,6 +58,12 @@ struct March {
     depth_per_step: f32,
 }
 
+#if cuts
+// ‖ĝ‖ up to which the end of a region makes a face, and from which on the data's own surface does.
+const NO_MATERIAL_EDGE: f32 = 0.025;
+const MATERIAL_EDGE: f32 = 0.05;
+#end
+
 // What is seen: a style's premultiplied color, and the opacity of a reference length, data's and style's together.
 struct Seen {
     style: vec4f,
@@ -91,8 +97,14 @@ fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, 
     let p = march.first + steps * march.stride;
     let level = style_level(march.depth + steps * march.depth_per_step);
     let node = piece.node / max(piece.extinction, 1e-30);
-    let face = joined_faces(face_normal(p), cut);
-    let style = shade(node, function.last_node, function.row, slope_at(stretch, w), face, march.direction, march.axes, level);
+    let slope = slope_at(stretch, w);
+#if cuts
+    let flatness = 1.0 - smoothstep(NO_MATERIAL_EDGE, MATERIAL_EDGE, length(slope));
+    let face = joined_faces(face_normal(p), vec4f(cut.xyz, cut.w * flatness));
+#else
+    let face = face_normal(p);
+#end
+    let style = shade(node, function.last_node, function.row, slope, face, march.direction, march.axes, level);
 #if colors
     let colored = tint(style, seen_color(p, function));
 #else

@@ -92,11 +92,12 @@ fn main() {
     edits(&context());
 }
 
-/// Overlapping fuzzy balls that share out the volume.
+/// Fuzzy balls in the eighths of the volume.
 fn balls(grid: &Grid, count: usize) -> Vec<Selection> {
     let pool: Arc<BrickPool> = Arc::default();
     let dims = DVec3::from_array(grid.dims().map(|n| n as f64));
-    let radius = dims.min_element() / 3.0;
+    // So that they just touch along the shortest axis.
+    let radius = 0.2 * dims.min_element();
     (0..count)
         .map(|i| {
             let center = dims

@@ -260,7 +260,9 @@ fn where_a_region_ends_in_the_midst_of_tissue_there_is_a_face() {
     let found = compare(&mut renderer(), &scene);
     println!("{found:?}");
     found.unwrap();
-    notices(&scene, "no cut faces", |t| replace(&t, "let weight = flat * smooth", "let weight = 0.0 * smooth"));
+    notices(&scene, "no cut faces", |t| {
+        replace(&t, "let weight = smoothstep(0.0, SHARP_END", "let weight = 0.0 * smoothstep(0.0, SHARP_END")
+    });
     notices(&scene, "cut faces that face inwards", |t| replace(&t, "vec4f(-world /", "vec4f(world /"));
 }
 

@@ -24,7 +24,6 @@ pub const MODULES: &[(&str, &str)] = modules![
     "bind/validity",
     "lib/composite",
     "lib/cut_face",
-    "lib/cut_none",
     "lib/face",
     "lib/fullscreen",
     "lib/function_one",
@@ -119,7 +118,6 @@ impl RaycastKey {
             "function" => Some(if self.functions { "lib/functions" } else { "lib/function_one" }),
             "seen" if self.functions => Some("lib/seen_regions"),
             "seen" => Some(if self.regions { "lib/seen_tints" } else { "lib/seen_one" }),
-            "cut" => Some(if self.cuts { "lib/cut_face" } else { "lib/cut_none" }),
             "resume" => Some(if self.resumed { "bind/resume" } else { "lib/resume_none" }),
             _ => None,
         };
@@ -128,6 +126,7 @@ impl RaycastKey {
             "alpha" => Some(self.alpha),
             "regions" => Some(self.regions),
             "functions" => Some(self.functions),
+            "cuts" => Some(self.cuts),
             _ => None,
         };
         assemble("raycast", &choose, &has)

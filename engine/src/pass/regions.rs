@@ -287,11 +287,12 @@ impl RegionLooks {
 
     /// Rounds of the shader's loops that a piece takes at most, with one look a part, and that a further look takes.
     pub fn rounds(&self, regions: &ResidentRegions) -> [u32; 2] {
-        // A look goes over the brick's list and the background, with a loop in each round, and for a face a second time.
-        let look = 2 + 4 * (regions.longest_list() + 1);
+        // A look goes over the brick's list and the background, and so does the face of a piece.
+        let list = regions.longest_list() + 1;
+        let look = 2 + list;
         let num_layers = self.functions.as_ref().map_or(0, |f| f.num_layers);
         // Those of the march, of the layers that are asked whether they show the piece, and of each part.
-        [6 + num_layers + PARTS * (1 + look), look]
+        [6 + num_layers + list + (PARTS + 1) * (1 + look), look]
     }
 }
 

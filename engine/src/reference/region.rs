@@ -58,8 +58,8 @@ pub fn shares(looks: &[Look<'_>], p: DVec3) -> Vec<f64> {
 }
 
 /// The face at `p` of what shows, where it ends with a region rather than by its own values. `opacities` = how much of each
-/// look shows here, `steepness` = ‖ĝ‖, `to_world` = M⁻ᵀ.
-pub fn cut_face(looks: &[Look<'_>], p: DVec3, opacities: &[f64], steepness: f64, to_world: DMat3) -> Face {
+/// look shows here, `to_world` = M⁻ᵀ.
+pub fn cut_face(looks: &[Look<'_>], p: DVec3, opacities: &[f64], to_world: DMat3) -> Face {
     let shown = |p: DVec3| -> f64 { shares(looks, p).iter().zip(opacities).map(|(w, a)| w * a).sum() };
     let (mut change, mut most) = (DVec3::ZERO, 0.0f64);
     for (axis, e) in DVec3::AXES.into_iter().enumerate() {
@@ -67,9 +67,13 @@ pub fn cut_face(looks: &[Look<'_>], p: DVec3, opacities: &[f64], steepness: f64,
         change[axis] = behind - before;
         most = most.max(before).max(behind);
     }
-    let flat = 1.0 - smoothstep(NO_MATERIAL_EDGE, MATERIAL_EDGE, steepness);
     let ends = if most > 0.0 { smoothstep(0.0, SHARP_END, change.length() / most) } else { 0.0 };
-    Face { normal: -(to_world * change).normalize_or_zero(), weight: flat * ends }
+    Face { normal: -(to_world * change).normalize_or_zero(), weight: ends }
+}
+
+/// The face of regions as far as the data have no surface of their own, whose ‖ĝ‖ is `steepness`.
+pub fn where_flat(cut: Face, steepness: f64) -> Face {
+    Face { weight: cut.weight * (1.0 - smoothstep(NO_MATERIAL_EDGE, MATERIAL_EDGE, steepness)), ..cut }
 }
 
 /// Two faces at one place: their normals by their weights, so that nothing jumps where one of them begins.

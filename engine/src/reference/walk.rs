@@ -8,7 +8,7 @@ use super::color::{Jacobian, luminance};
 use super::opacity::opacity_correct;
 use super::piece::{Piece, classify_piece};
 use super::ray::{Ray, samples};
-use super::region::{Look, cut_face, joined, shares};
+use super::region::{Look, cut_face, joined, shares, where_flat};
 use super::sample::{Lattice, gradient_at, sample_volume, trilinear};
 use super::style::{
     Classification, Face, RayFrame, at_node, classify, face_normal, ray_frame, shade, steepness, style_level,
@@ -170,7 +170,7 @@ impl<'a> Line<'a> {
         }
         let p = self.at(t);
         let has_data = self.object.validity.as_ref().map_or(1.0, |validity| sample_volume(validity, p));
-        let face = joined(face_normal(&self.object.grid, p), cut);
+        let face = joined(face_normal(&self.object.grid, p), where_flat(cut, gradient.length()));
         let n_xy = style_normal(gradient, face, self.ray.direction, &self.frame);
         let depth_mm = (self.ray.origin_mm + t * self.ray.direction - self.camera.eye_mm).dot(self.camera.forward);
         let steepness = steepness(gradient, face);
@@ -192,18 +192,23 @@ impl<'a> Line<'a> {
         Some((color.to_array(), opacity_correct(alpha, lengths)))
     }
 
+    /// The face that regions make at `t`, of looks of which so much shows.
+    fn cut(&self, t: f64, shown: impl Iterator<Item = f64>) -> Face {
+        let looks = &self.object.looks;
+        if looks.len() < 2 {
+            return Face { normal: DVec3::ZERO, weight: 0.0 };
+        }
+        let opacities: Vec<f64> = looks.iter().zip(shown).map(|(look, shown)| look.opacity * shown).collect();
+        cut_face(looks, self.at(t), &opacities, self.object.world_gradient_from_index)
+    }
+
     /// What shows of a stretch of `length_mm`, composited under `result`: of each look what `seen` says, which is where
-    /// along the ray it is seen, as what, and with which gradient. The looks share the place at `t` (mm).
-    fn see(&self, result: &mut March, t: f64, seen: &[(f64, Classification, DVec3)], slope: &Slope, length_mm: f64) {
+    /// along the ray it is seen, as what, and with which gradient. The looks share the place at `t` (mm); `cut` is the face that
+    /// the regions make there.
+    fn see(&self, result: &mut March, t: f64, seen: &[(f64, Classification, DVec3)], cut: Face, length_mm: f64) {
         let (looks, p) = (&self.object.looks, self.at(t));
         if seen.iter().all(|(_, class, _)| class.opacity <= 0.0) {
             return;
-        }
-        let mut cut = Face { normal: DVec3::ZERO, weight: 0.0 };
-        if looks.len() > 1 {
-            let opacities: Vec<f64> = looks.iter().zip(seen).map(|(look, s)| look.opacity * s.1.opacity).collect();
-            let to_world = self.object.world_gradient_from_index;
-            cut = cut_face(looks, p, &opacities, slope.gradient().length(), to_world);
         }
         let mut shown = [0.0; 4];
         for ((look, share), (t, class, gradient)) in looks.iter().zip(shares(looks, p)).zip(seen) {
@@ -245,9 +250,10 @@ pub fn march(
         let value = line.value(t);
         let classes: Vec<_> = object.looks.iter().map(|look| classify(look.transfer_function, value)).collect();
         if classes.iter().any(|class| class.opacity > 0.0) {
-            let slope = line.slope(t);
-            let seen: Vec<_> = classes.into_iter().map(|class| (t, class, slope.gradient())).collect();
-            line.see(&mut result, t, &seen, &slope, end - start);
+            let gradient = line.slope(t).gradient();
+            let cut = line.cut(t, classes.iter().map(|class| class.opacity));
+            let seen: Vec<_> = classes.into_iter().map(|class| (t, class, gradient)).collect();
+            line.see(&mut result, t, &seen, cut, end - start);
             if ends(&mut result, termination) {
                 break;
             }
@@ -277,10 +283,12 @@ pub fn march_pieces(
         let ends_of_piece = [line.value(start), line.value(end)];
         let of_piece =
             |look: &Look<'_>| classify_piece(look.transfer_function, ends_of_piece[0], ends_of_piece[1], 1.0);
-        let shows: Vec<bool> = object.looks.iter().map(|look| of_piece(look).extinction > 0.0).collect();
+        let extinctions: Vec<f64> = object.looks.iter().map(|look| of_piece(look).extinction).collect();
+        let shows: Vec<bool> = extinctions.iter().map(|extinction| *extinction > 0.0).collect();
         if !shows.contains(&true) {
             continue;
         }
+        let cut = line.cut(start.midpoint(end), extinctions.iter().map(|extinction| -(-extinction).exp_m1()));
         if let Some(colors) = &object.colors
             && [start, end].into_iter().all(|t| sample_volume(&colors.voxels, line.at(t)).w <= 0.0)
         {
@@ -312,8 +320,7 @@ pub fn march_pieces(
                 };
                 let seen: Vec<_> = object.looks.iter().zip(&shows).map(seen).collect();
                 let middle = wa.midpoint(wb);
-                let slope = slopes[0].towards(&slopes[1], middle);
-                line.see(&mut result, a + middle * (b - a), &seen, &slope, length_mm);
+                line.see(&mut result, a + middle * (b - a), &seen, cut, length_mm);
                 if ends(&mut result, quality.termination) {
                     return result;
                 }
