@@ -8,9 +8,9 @@ use fabrica_engine::Progress;
 use fabrica_engine::read::ReadOptions;
 use fabrica_engine::read::label_table::read_label_table;
 use fabrica_engine::read::limits::Limits;
-use fabrica_engine::selection::{BrickPool, Structure, from_label_maps, read_selections, smooth_partition};
+use fabrica_engine::selection::{BrickPool, Selection, Structure, from_label_maps, read_selections, smooth_partition};
 use fabrica_engine::volume::Volume;
-use fabrica_engine::volume::labels::resample_layers;
+use fabrica_engine::volume::labels::{Label, resample_layers, same_grid};
 
 use super::source::VolumeSource;
 use super::template::{SelectionSlot, Template, VolumeSlot};
@@ -26,6 +26,9 @@ pub struct Replacement {
 
 /// What borders of whole voxels are smoothed by, in voxels, unless the slot says otherwise: as little as takes their stairs.
 const CRISP_SIGMA: f64 = 1.0;
+
+/// The color of what was painted, where its region has none: an orange that most people tell from others.
+const PAINTED: [u8; 3] = [0xe6, 0x9f, 0x00];
 
 /// What is read for the slots of a figure.
 #[derive(Clone, Debug, Default)]
@@ -83,7 +86,7 @@ pub fn load(
         let volume = of.with_context(|| format!("the volume of the selections \"{}\" is missing", slot.name))?.clone();
         let loaded = match labels.get(i) {
             Some(file) => {
-                let slot = SelectionSlot { file: file.clone(), table: None, ..slot.clone() };
+                let slot = SelectionSlot { file: Some(file.clone()), voxels: None, table: None, ..slot.clone() };
                 load_selections(&slot, Path::new(""), &volume, progress)?
             }
             None => load_selections(slot, folder, &volume, progress)?,
@@ -103,12 +106,22 @@ pub fn load_selections(
     volume: &Volume,
     progress: &Progress,
 ) -> Result<Arc<Selections>> {
+    if let Some(painted) = painted(slot, volume) {
+        return Ok(painted);
+    }
     let pool = Arc::new(BrickPool::default());
     let read = || -> Result<Selections> {
         let table = slot.table.as_ref().map(|table| read_label_table(&folder.join(table))).transpose()?;
-        let (mut structures, mut notes) = match VolumeSource::parse(&slot.file, folder)? {
-            VolumeSource::Path(path) => read_selections(&path, &volume.grid, &pool, progress)?,
-            VolumeSource::Specimen(request) => {
+        let source = slot.file.as_ref().map(|file| VolumeSource::parse(file, folder)).transpose()?;
+        let (mut structures, mut notes) = match source {
+            None => {
+                let voxels = slot.voxels.as_ref().context("nothing is in it; give it a file")?;
+                let (selection, note) = voxels.selection().resampled_to(&volume.grid, &pool, progress)?;
+                let changed = format!("\"{}\" was painted on other voxels and is resampled to these.", slot.name);
+                (vec![structure(slot, selection)], [changed].into_iter().chain(note).collect())
+            }
+            Some(VolumeSource::Path(path)) => read_selections(&path, &volume.grid, &pool, progress)?,
+            Some(VolumeSource::Specimen(request)) => {
                 let labels = request.generate(progress)?.labels;
                 let layers = vec![labels];
                 let (layers, note) = resample_layers(layers, &volume.grid).map_err(anyhow::Error::msg)?;
@@ -119,10 +132,26 @@ pub fn load_selections(
             notes.extend(table.name(structures.iter_mut().map(|s| &mut s.label)));
         }
         let is_crisp = || structures.iter().all(|s| s.selection.is_crisp());
-        let sigma = slot.smooth_voxels.unwrap_or_else(|| if is_crisp() { CRISP_SIGMA } else { 0.0 });
+        let stairs = || slot.voxels.is_none() && is_crisp();
+        let sigma = slot.smooth_voxels.unwrap_or_else(|| if stairs() { CRISP_SIGMA } else { 0.0 });
         Ok(Selections { structures: smooth_partition(&structures, sigma, progress)?, notes })
     };
     read().map(Arc::new).with_context(|| format!("the template's selections \"{}\" cannot be loaded", slot.name))
+}
+
+/// What was painted on the very voxels of its volume and is not smoothed: there at once. Nothing else.
+pub fn painted(slot: &SelectionSlot, volume: &Volume) -> Option<Arc<Selections>> {
+    let voxels = slot.voxels.as_ref().filter(|_| slot.smooth_voxels.unwrap_or(0.0) == 0.0)?;
+    let selection = voxels.selection();
+    same_grid(selection.grid(), &volume.grid).then(|| {
+        let structures = vec![structure(slot, selection.clone())];
+        Arc::new(Selections { structures, notes: Vec::new() })
+    })
+}
+
+/// The structure that was painted in a slot.
+fn structure(slot: &SelectionSlot, selection: Selection) -> Structure {
+    Structure { label: Label { id: 1, name: slot.name.clone(), color: PAINTED, code: None }, selection }
 }
 
 /// Loads the volume of each slot: the replacements in order, then what the template names (relative to `folder`).

@@ -397,6 +397,8 @@ impl Editor {
                     });
                 });
         }
+        // Panels may have gone back in time.
+        open.follow_voxels();
         CentralPanel::default().frame(canvas).show(ui, |ui| {
             if self.layout.shows_slices {
                 let place = self.slices.show(ui, open);
