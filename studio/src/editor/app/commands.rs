@@ -14,6 +14,7 @@ use super::super::file_dialog::{FileDialog, Purpose};
 use super::super::open_figure::OpenFigure;
 use super::super::panels::curve;
 use super::super::session::Settings;
+use super::super::tools::Tool;
 use super::super::ui_command::UiCommand;
 use super::super::{files, view, wording};
 use super::chrome::{Banner, Notice};
@@ -52,6 +53,10 @@ impl Editor {
             }
             UiCommand::AddSelections if self.open.as_ref().is_some_and(|o| o.chosen_volume().is_none()) => {
                 Some("The object has no volume")
+            }
+            c if c.menu() == "Selection" && self.tools.progress().is_some() => Some("Another edit is under way"),
+            c if c.menu() == "Selection" && self.open.as_ref().is_some_and(|o| self.tools.target(o).is_none()) => {
+                Some("Paint a selection first (B), or choose a painted one")
             }
             UiCommand::ReplaceVolume | UiCommand::ReadOtherwise
                 if document.is_some_and(|d| d.figure().volumes.is_empty()) =>
@@ -146,6 +151,24 @@ impl Editor {
                 };
             }
             C::SliceWindow => self.slices.reset_window(),
+            C::SelectTool => self.tools.take(Tool::Select, self.open.as_mut()),
+            C::BrushTool => self.tools.take(Tool::Brush, self.open.as_mut()),
+            C::Erase => self.tools.settings.erases = !self.tools.settings.erases,
+            C::SmallerBrush | C::LargerBrush => {
+                if let Some(open) = &self.open {
+                    self.tools.scale_radius(open, if command == C::LargerBrush { 1.1 } else { 1.0 / 1.1 });
+                }
+            }
+            C::GrowSelection
+            | C::ShrinkSelection
+            | C::SmoothSelection
+            | C::FillHoles
+            | C::KeepLargest
+            | C::InvertSelection => {
+                if let Some(open) = &self.open {
+                    self.tools.refine(ctx, command, open);
+                }
+            }
             C::HistogramScale => self.layout.function.logarithmic = !self.layout.function.logarithmic,
             C::Rename => {
                 self.layout.hides_panels = false;

@@ -295,6 +295,7 @@ impl Editor {
         self.viewport.picture.clear();
         self.viewport.dismiss();
         self.slices.forget_figure();
+        self.tools.forget_figure();
         self.layout.function.forget_figure();
         self.layout.renaming = None;
     }
