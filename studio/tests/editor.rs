@@ -1432,14 +1432,7 @@ fn a_stroke_makes_a_region_and_is_one_step() {
     undo_all(&mut harness);
     assert_eq!(figure(&harness).to_json().unwrap(), first);
     // Off the surface nothing is painted.
-    drag_between(
-        &mut harness,
-        PointerButton::Primary,
-        Modifiers::NONE,
-        MIDDLE + Vec2::new(0.0, 1000.0),
-        MIDDLE,
-        true,
-    );
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, MIDDLE + Vec2::new(0.0, 1000.0), MIDDLE, true);
     harness.key_press(Key::V);
     harness.step();
     assert!(!editor(&harness).tools().takes_primary());
@@ -1467,11 +1460,9 @@ fn the_radius_and_the_menu_refine_what_was_painted() {
     let large = painted(&harness, "Selection 1").unwrap();
     assert!(large > 1.5 * small, "{large} {small}");
     let mut before = large;
-    for (command, grows) in [
-        (UiCommand::GrowSelection, true),
-        (UiCommand::ShrinkSelection, false),
-        (UiCommand::InvertSelection, true),
-    ] {
+    for (command, grows) in
+        [(UiCommand::GrowSelection, true), (UiCommand::ShrinkSelection, false), (UiCommand::InvertSelection, true)]
+    {
         run(&mut harness, command);
         settle(&mut harness);
         let after = painted(&harness, "Selection 1").unwrap();
@@ -1499,14 +1490,7 @@ fn the_brush_paints_in_slices() {
     harness.step();
     let crosshair = slices(&harness).crosshair_mm().unwrap();
     let middle = slice_rect(&harness, Orientation::Axial).center();
-    drag_between(
-        &mut harness,
-        PointerButton::Primary,
-        Modifiers::NONE,
-        middle,
-        middle + Vec2::new(12.0, 0.0),
-        true,
-    );
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, middle, middle + Vec2::new(12.0, 0.0), true);
     settle(&mut harness);
     assert!(painted(&harness, "Selection 1").is_some_and(|n| n > 0.0), "{:?}", editor(&harness).notice());
     assert_eq!(slices(&harness).crosshair_mm().unwrap(), crosshair, "the primary button is the brush's");
@@ -1514,4 +1498,85 @@ fn the_brush_paints_in_slices() {
     undo_all(&mut harness);
     assert_eq!(figure(&harness).to_json().unwrap(), first);
     settle(&mut harness);
+}
+
+#[test]
+fn loops_select_what_they_go_around() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    let first = figure(&harness).to_json().unwrap();
+    run(&mut harness, UiCommand::RectangleTool);
+    // The left half of the ball, through everything; then its front alone.
+    let middle = harness.get_by_label_contains("Figure:").rect().center();
+    let (from, to) = (middle - Vec2::splat(150.0), middle + Vec2::new(0.0, 150.0));
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, from, to, true);
+    settle(&mut harness);
+    let half = painted(&harness, "Selection 1").unwrap_or_else(|| panic!("{}", editor(&harness).notice()));
+    assert!(labels(&harness)[0].starts_with("Rectangle Selection 1, +"), "{:?}", labels(&harness));
+    run(&mut harness, UiCommand::Undo);
+    click_on(&mut harness, "Surface");
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, from, to, true);
+    settle(&mut harness);
+    let front = painted(&harness, "Selection 1").unwrap_or_else(|| panic!("{}", editor(&harness).notice()));
+    assert!(front > 0.0 && front < 0.9 * half, "{front} of {half}");
+    run(&mut harness, UiCommand::Undo);
+    // The lasso, corner by corner; Backspace takes one back, Enter closes.
+    run(&mut harness, UiCommand::LassoTool);
+    for by in [Vec2::new(-40.0, -40.0), Vec2::new(40.0, -40.0), Vec2::new(0.0, 60.0), Vec2::new(-90.0, 60.0)] {
+        click(&mut harness, MIDDLE + by);
+    }
+    harness.key_press(Key::Backspace);
+    harness.step();
+    harness.key_press(Key::Enter);
+    settle(&mut harness);
+    assert!(painted(&harness, "Selection 1").is_some_and(|n| n > 0.0), "{}", editor(&harness).notice());
+    assert!(labels(&harness)[0].starts_with("Lasso Selection 1, +"), "{:?}", labels(&harness));
+    run(&mut harness, UiCommand::Undo);
+    // Freehand around nothing: no step.
+    let corner = middle + Vec2::new(-150.0, 150.0);
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, corner, corner + Vec2::new(9.0, -9.0), true);
+    settle(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), first);
+    assert!(harness.unnamed_widgets().is_empty());
+}
+
+#[test]
+fn a_region_grows_from_a_seed_until_it_is_accepted() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    let first = figure(&harness).to_json().unwrap();
+    run(&mut harness, UiCommand::GrowTool);
+    click(&mut harness, MIDDLE);
+    settle_tools(&mut harness);
+    assert!(painted(&harness, "Selection 1").is_some_and(|n| n > 0.0), "{}", editor(&harness).notice());
+    assert!(labels(&harness).is_empty(), "it is looked at only");
+    // More tolerance takes no less.
+    let small = painted(&harness, "Selection 1").unwrap();
+    drag(&mut harness, PointerButton::Primary, Vec2::new(200.0, 0.0), true);
+    settle_tools(&mut harness);
+    assert!(painted(&harness, "Selection 1").unwrap() >= small);
+    harness.key_press(Key::Escape);
+    harness.step();
+    harness.step();
+    assert_eq!(figure(&harness).to_json().unwrap(), first);
+    click(&mut harness, MIDDLE);
+    settle_tools(&mut harness);
+    harness.key_press(Key::Enter);
+    settle(&mut harness);
+    let steps = labels(&harness);
+    assert!(steps.len() == 1 && steps[0].starts_with("Grow Selection 1, ±"), "{steps:?}");
+    undo_all(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), first);
+}
+
+/// Runs frames until no tool is at work.
+fn settle_tools(harness: &mut Window) {
+    let start = Instant::now();
+    harness.step();
+    while editor(harness).tools().is_busy() {
+        assert!(start.elapsed() < Duration::from_secs(60), "a tool is still busy");
+        std::thread::sleep(Duration::from_millis(2));
+        harness.step();
+    }
+    harness.step();
 }

@@ -32,6 +32,9 @@ pub enum UiCommand {
     InvertSelection,
     SelectTool,
     BrushTool,
+    LassoTool,
+    RectangleTool,
+    GrowTool,
     Erase,
     SmallerBrush,
     LargerBrush,
@@ -89,6 +92,9 @@ impl UiCommand {
         C::InvertSelection,
         C::SelectTool,
         C::BrushTool,
+        C::LassoTool,
+        C::RectangleTool,
+        C::GrowTool,
         C::Erase,
         C::SmallerBrush,
         C::LargerBrush,
@@ -130,7 +136,14 @@ impl UiCommand {
             | C::FillHoles
             | C::KeepLargest
             | C::InvertSelection => "Selection",
-            C::SelectTool | C::BrushTool | C::Erase | C::SmallerBrush | C::LargerBrush => "Tool",
+            C::SelectTool
+            | C::BrushTool
+            | C::LassoTool
+            | C::RectangleTool
+            | C::GrowTool
+            | C::Erase
+            | C::SmallerBrush
+            | C::LargerBrush => "Tool",
             C::QualityDraft | C::QualityStandard | C::QualityFinal => "Render",
             C::Theme | C::Panels | C::HistogramScale | C::LargerText | C::SmallerText | C::ResetLayout => "Window",
             _ => "View",
@@ -159,6 +172,9 @@ impl UiCommand {
             C::InvertSelection => "Invert selection",
             C::SelectTool => "Select",
             C::BrushTool => "Brush",
+            C::LassoTool => "Lasso",
+            C::RectangleTool => "Rectangle",
+            C::GrowTool => "Click-to-grow",
             C::Erase => "Erase or add",
             C::SmallerBrush => "Smaller brush",
             C::LargerBrush => "Larger brush",
@@ -217,6 +233,9 @@ impl UiCommand {
             C::InvertSelection => "Selects what it does not, in the whole volume",
             C::SelectTool => "A click asks what is there, a drag turns the figure or moves the crosshair",
             C::BrushTool => "Paints a selection: on the surface that is seen in the figure, and in slices",
+            C::LassoTool => "Selects what is in a loop: drawn freehand, or corner by corner",
+            C::RectangleTool => "Selects what is in a rectangle",
+            C::GrowTool => "Selects what hangs together with a seed and has values like its own",
             C::Erase => "Whether tools add to a selection or take away; Alt does the same while it is held",
             C::SmallerBrush => "By a tenth; Shift+drag gives any radius",
             C::LargerBrush => "By a tenth; Shift+drag gives any radius",
@@ -281,6 +300,9 @@ impl UiCommand {
             C::Slices => (Modifiers::NONE, Key::Q),
             C::SelectTool => (Modifiers::NONE, Key::V),
             C::BrushTool => (Modifiers::NONE, Key::B),
+            C::LassoTool => (Modifiers::NONE, Key::L),
+            C::RectangleTool => (Modifiers::NONE, Key::M),
+            C::GrowTool => (Modifiers::NONE, Key::W),
             C::Erase => (Modifiers::NONE, Key::E),
             C::SmallerBrush => (Modifiers::NONE, Key::OpenBracket),
             C::LargerBrush => (Modifiers::NONE, Key::CloseBracket),

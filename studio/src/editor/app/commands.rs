@@ -151,8 +151,11 @@ impl Editor {
                 };
             }
             C::SliceWindow => self.slices.reset_window(),
-            C::SelectTool => self.tools.take(Tool::Select, self.open.as_mut()),
-            C::BrushTool => self.tools.take(Tool::Brush, self.open.as_mut()),
+            C::SelectTool | C::BrushTool | C::LassoTool | C::RectangleTool | C::GrowTool => {
+                if let Some(tool) = Tool::ALL.into_iter().find(|tool| tool.command() == command) {
+                    self.tools.take(tool, self.open.as_mut());
+                }
+            }
             C::Erase => self.tools.settings.erases = !self.tools.settings.erases,
             C::SmallerBrush | C::LargerBrush => {
                 if let Some(open) = &self.open {

@@ -342,7 +342,9 @@ impl Editor {
             open.document.abort();
             under_way
         });
+        let unfinished = self.tools.abort();
         if !gesture
+            && !unfinished
             && !self.slices.abort()
             && !self.viewport.dismiss()
             && self.dialog.is_none()
@@ -423,6 +425,7 @@ impl Editor {
         // Panels may have gone back in time.
         open.follow_voxels();
         (self.viewport.is_tools, self.slices.is_tools) = (self.tools.takes_primary(), self.tools.takes_primary());
+        self.slices.takes_wheel = self.tools.takes_wheel();
         CentralPanel::default().frame(canvas).show(ui, |ui| {
             let mut slice = None;
             if self.layout.shows_slices {
@@ -469,7 +472,7 @@ impl Editor {
     /// The window is going: writes what is to be written.
     pub fn leave(&mut self) {
         if let Some(timings) = self.timings.take()
-            && let Err(error) = timings.write(&self.viewport.picture.coarse_ms)
+            && let Err(error) = timings.write(&self.viewport.picture.coarse_ms, self.tools.dab_ms())
         {
             eprintln!("error: {error:#}");
         }

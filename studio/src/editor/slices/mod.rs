@@ -44,6 +44,8 @@ pub struct SliceViews {
     hint: Option<&'static str>,
     /// Whether the primary button is a tool's.
     pub is_tools: bool,
+    /// Whether the wheel is a tool's.
+    pub takes_wheel: bool,
     /// The slice on which a tool would be pressed just now.
     aimed: Option<usize>,
 }
@@ -232,6 +234,7 @@ impl SliceViews {
                 window,
                 overlays,
                 is_tools: self.is_tools,
+                takes_wheel: self.takes_wheel,
             };
             let builder = UiBuilder::new().id_salt(orientation.name()).max_rect(places[i]);
             let pane = &mut self.panes[i];

@@ -147,6 +147,8 @@ pub struct Context<'a> {
     pub overlays: &'a [Overlay],
     /// Whether the primary button is a tool's.
     pub is_tools: bool,
+    /// Whether the wheel is, too.
+    pub takes_wheel: bool,
 }
 
 /// What came of the hand on a slice.
@@ -403,7 +405,7 @@ impl Pane {
             });
             (notches.sum::<f32>(), f64::from(i.zoom_delta()))
         });
-        self.notches += turned;
+        self.notches += if context.takes_wheel { 0.0 } else { turned };
         let slices = self.notches.trunc();
         self.notches -= slices;
         if slices != 0.0 {

@@ -70,16 +70,35 @@ fn icon(painter: &Painter, center: Pos2, tool: Tool, line: Stroke) {
             painter.circle_filled(at(-4.0, 4.0), 4.2, line.color);
             painter.line_segment([at(-4.0, 4.0), at(-8.0, 8.0)], Stroke::new(3.0, line.color));
         }
+        Tool::Lasso => {
+            let point = |i: i32| {
+                let angle = i as f32 / 24.0 * std::f32::consts::TAU;
+                at(8.0 * angle.cos(), -2.0 + 5.5 * angle.sin())
+            };
+            painter.add(Shape::closed_line((0..24).map(point).collect(), line));
+            painter.add(Shape::line(vec![at(-4.0, 3.0), at(-3.0, 6.0), at(-6.0, 9.0)], line));
+        }
+        Tool::Rectangle => {
+            let corners = [at(-8.0, -6.0), at(8.0, -6.0), at(8.0, 6.0), at(-8.0, 6.0), at(-8.0, -6.0)];
+            painter.extend(Shape::dashed_line(&corners, line, 3.0, 2.5));
+        }
+        Tool::Grow => {
+            painter.line_segment([at(-8.0, 8.0), at(2.0, -2.0)], Stroke::new(2.5, line.color));
+            for (x, y) in [(0.0, -1.0), (0.75, -0.75), (1.0, 0.0), (0.75, 0.75), (-0.75, -0.75)] {
+                let middle = at(3.5, -3.5);
+                painter.line_segment([middle + 3.0 * Vec2::new(x, y), middle + 6.0 * Vec2::new(x, y)], line);
+            }
+        }
     }
 }
 
 /// The settings of the tool in the hand.
-pub fn options(ui: &mut Ui, active: Tool, settings: &mut Settings, open: &OpenFigure) -> Option<UiCommand> {
+pub fn options(ui: &mut Ui, active: Tool, settings: &mut Settings, open: &OpenFigure) {
     ui.label(theme::heading(active.command().text()));
     ui.separator();
     if active == Tool::Select {
         ui.label(theme::small(ui.ctx(), "Click: what is this? · Drag: turn the figure, move the crosshair of slices"));
-        return None;
+        return;
     }
     targets(ui, settings, open);
     for (erases, text, tooltip) in [
@@ -102,19 +121,48 @@ pub fn options(ui: &mut Ui, active: Tool, settings: &mut Settings, open: &OpenFi
         ui.checkbox(&mut settings.is_soft, "Soft").on_hover_text(tooltip);
         ui.separator();
     }
-    range(ui, settings, open);
-    if active == Tool::Brush {
-        let tooltip = "Only what hangs together with the way of the brush, within the values and what is visible";
-        ui.checkbox(&mut settings.is_connected, "Connected").on_hover_text(tooltip);
+    if matches!(active, Tool::Lasso | Tool::Rectangle) {
+        reach(ui, settings, open);
+        ui.separator();
     }
-    let tooltip = "Leaves out voxels that the transfer function makes transparent, such as air";
-    ui.checkbox(&mut settings.is_visible_only, "Visible only").on_hover_text(tooltip);
+    if active == Tool::Grow {
+        let mut tolerance = settings.tolerance(open);
+        let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
+        let tooltip = "How unlike its seeds a region may be; drag to the side or turn the wheel while it is shown";
+        if number(ui, "Tolerance", unit, tooltip, &mut tolerance) {
+            settings.tolerance = Some(tolerance.max(0.0));
+        }
+    } else {
+        range(ui, settings, open);
+        if active == Tool::Brush {
+            let tooltip = "Only what hangs together with the way of the brush, within the values and what is visible";
+            ui.checkbox(&mut settings.is_connected, "Connected").on_hover_text(tooltip);
+        }
+        let tooltip = "Leaves out voxels that the transfer function makes transparent, such as air";
+        ui.checkbox(&mut settings.is_visible_only, "Visible only").on_hover_text(tooltip);
+    }
     ui.separator();
     let mut mm = settings.refine_mm(open);
     if number(ui, "Refine by", " mm", "By how much the menu Selection grows, shrinks and smooths", &mut mm) {
         settings.refine_mm = Some(mm.clamp(1e-3, 1e3));
     }
-    None
+}
+
+fn reach(ui: &mut Ui, settings: &mut Settings, open: &OpenFigure) {
+    for (is_surface, text, tooltip) in [
+        (false, "Through", "All that is seen behind the loop, in a slice also above and below it"),
+        (true, "Surface", "Only what is seen first, down to a depth; in a slice its own layer of voxels"),
+    ] {
+        if ui.selectable_label(settings.is_surface_only == is_surface, text).on_hover_text(tooltip).clicked() {
+            settings.is_surface_only = is_surface;
+        }
+    }
+    if settings.is_surface_only {
+        let mut depth = settings.depth_mm(open);
+        if number(ui, "Depth", " mm", "How deep under the surface that is seen first", &mut depth) {
+            settings.depth_mm = Some(depth.clamp(0.0, 1e4));
+        }
+    }
 }
 
 fn targets(ui: &mut Ui, settings: &mut Settings, open: &OpenFigure) {

@@ -24,6 +24,8 @@ pub struct Brush {
     resizing: Option<(Pos2, f64, f64)>,
     /// The surface under the pointer as it was found last.
     under: Option<(Pos2, Option<DVec3>)>,
+    /// Which way the surface faces there, if it is even enough to tell: a unit vector.
+    normal: Option<DVec3>,
 }
 
 struct Painting {
@@ -136,7 +138,9 @@ impl Brush {
     pub fn cursor(&mut self, painter: &egui::Painter, at: Pos2, view: &View, radius_mm: f64, erases: bool) {
         let at = self.resizing.map_or(at, |(from, ..)| from);
         if self.stroke.is_none() && self.under.is_none_or(|(of, _)| of != at) {
-            self.under = Some((at, view.place_mm(at)));
+            let place = view.place_mm(at);
+            self.under = Some((at, place));
+            self.normal = place.and_then(|place| normal(view, at, place, radius_mm));
         }
         let place = match &self.stroke {
             Some(painting) => painting.last_mm,
@@ -147,8 +151,18 @@ impl Brush {
             None => (12.0, false),
         };
         let radius = radius.clamp(1.5, 4000.0);
-        let circle: Vec<Pos2> =
-            (0..=96).map(|i| at + radius * Vec2::angled(i as f32 / 96.0 * std::f32::consts::TAU)).collect();
+        let round = |angle: f32| at + radius * Vec2::angled(angle);
+        let tangents = self.normal.filter(|_| place.is_some()).map(DVec3::any_orthonormal_pair);
+        let on_surface = |angle: f32| {
+            let ((u, v), center) = tangents.zip(place)?;
+            let (sin, cos) = f64::from(angle).sin_cos();
+            // The disc is where the pointer is, even if what was found lies a part of a pixel beside it.
+            Some(at + (view.position(center + radius_mm * (cos * u + sin * v))? - view.position(center)?))
+        };
+        let circle: Vec<Pos2> = (0..=96)
+            .map(|i| i as f32 / 96.0 * std::f32::consts::TAU)
+            .map(|angle| on_surface(angle).unwrap_or_else(|| round(angle)))
+            .collect();
         let color = if erases { Color32::from_rgb(0xd5, 0x5e, 0x00) } else { theme::GIZMO };
         for (width, color) in [(3.5, Color32::WHITE), (1.5, color)] {
             let line = Line::new(width, color);
@@ -219,6 +233,21 @@ impl Painting {
             self.target.set(open, now, label);
         }
     }
+}
+
+/// Which way the surface at a place faces, as seen from half a radius around it; none in slices and where it is too uneven.
+fn normal(view: &View, at: Pos2, place: DVec3, radius_mm: f64) -> Option<DVec3> {
+    if matches!(view, View::Slice(..)) {
+        return None;
+    }
+    let mm_per_point = view.mm_per_point(place);
+    let by = (0.5 * radius_mm / mm_per_point).clamp(4.0, 30.0) as f32;
+    // Behind an edge lies something else.
+    let near =
+        |by: Vec2| view.place_mm(at + by).filter(|p| p.distance(place) < 4.0 * f64::from(by.length()) * mm_per_point);
+    let along = |by: Vec2| Some((near(by)? - near(-by)?).normalize_or_zero());
+    let normal = along(Vec2::new(by, 0.0))?.cross(along(Vec2::new(0.0, by))?).try_normalize()?;
+    (normal.dot(view.direction(place)).abs() > 0.2).then_some(normal)
 }
 
 /// The middle of the volume.

@@ -3,17 +3,21 @@
 
 pub mod bar;
 mod brush;
+mod grow;
+mod lasso;
+mod rectangle;
 mod surface;
 pub mod target;
 mod view;
 mod work;
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use eframe::egui::{Align2, Color32, Context, CursorIcon, Event, FontId, Key, Painter, PointerButton, Pos2, Ui};
 use fabrica_engine::Progress;
 use fabrica_engine::selection::{Edge, Limits, ValueLimit};
-use fabrica_engine::volume::Volume;
+use fabrica_engine::volume::{Modality, Volume};
 
 pub use self::view::{FigureView, View};
 use self::work::Work;
@@ -30,17 +34,26 @@ pub enum Tool {
     Select,
     /// Paints a selection.
     Brush,
+    /// Selects what is in a loop.
+    Lasso,
+    /// Selects what is in a rectangle.
+    Rectangle,
+    /// Selects what hangs together with a seed.
+    Grow,
 }
 
 impl Tool {
     /// In the order of the strip.
-    pub const ALL: [Self; 2] = [Self::Select, Self::Brush];
+    pub const ALL: [Self; 5] = [Self::Select, Self::Brush, Self::Lasso, Self::Rectangle, Self::Grow];
 
     /// The command that takes it up.
     pub fn command(self) -> UiCommand {
         match self {
             Self::Select => UiCommand::SelectTool,
             Self::Brush => UiCommand::BrushTool,
+            Self::Lasso => UiCommand::LassoTool,
+            Self::Rectangle => UiCommand::RectangleTool,
+            Self::Grow => UiCommand::GrowTool,
         }
     }
 
@@ -48,8 +61,15 @@ impl Tool {
     fn hint(self) -> Option<&'static str> {
         match self {
             Self::Select => None,
-            Self::Brush => Some(
-                "Drag: paint · Alt+drag: erase · Shift+drag or [ ]: radius · Middle drag: orbit · Wheel: closer · Esc: give up",
+            Self::Brush => {
+                Some("Drag: paint · Alt+drag: erase · Shift+drag or [ ]: radius · Middle drag: orbit · Esc: give up")
+            }
+            Self::Lasso => Some(
+                "Drag: loop · Clicks: corners, double-click or Enter closes, Backspace takes one back · Alt: erase · Esc: give up",
+            ),
+            Self::Rectangle => Some("Drag: rectangle · Shift: square · Alt: erase · Middle drag: orbit · Esc: give up"),
+            Self::Grow => Some(
+                "Click: seed · Drag to the side or wheel: tolerance · Click: more, Alt+click: bar · Enter: accept · Esc: drop",
             ),
         }
     }
@@ -72,6 +92,12 @@ pub struct Settings {
     pub is_connected: bool,
     /// Only voxels that the transfer function shows.
     pub is_visible_only: bool,
+    /// Whether a loop in the figure reaches no deeper than the first surface, and in a slice no further than its layer.
+    pub is_surface_only: bool,
+    /// How deep under the surface, mm; none: as it suits the volume.
+    depth_mm: Option<f64>,
+    /// How unlike its seeds a region may be, in units of the values; none: as it suits the volume.
+    tolerance: Option<f64>,
     /// By how much selections grow, shrink and are smoothed; none: as it suits the volume.
     refine_mm: Option<f64>,
 }
@@ -86,6 +112,9 @@ impl Default for Settings {
             range: None,
             is_connected: false,
             is_visible_only: true,
+            is_surface_only: false,
+            depth_mm: None,
+            tolerance: None,
             refine_mm: None,
         }
     }
@@ -123,6 +152,26 @@ impl Settings {
     pub fn refine_mm(&self, open: &OpenFigure) -> f64 {
         let [_, spacing, _] = lengths_mm(open);
         self.refine_mm.unwrap_or_else(|| round(spacing))
+    }
+
+    /// How deep under the first surface a loop reaches.
+    pub fn depth_mm(&self, open: &OpenFigure) -> f64 {
+        let [_, spacing, _] = lengths_mm(open);
+        self.depth_mm.unwrap_or_else(|| round(3.0 * spacing))
+    }
+
+    /// How unlike its seeds a region may be: of scans in HU 60 at first, else a twentieth of the range of the values.
+    pub fn tolerance(&self, open: &OpenFigure) -> f64 {
+        let first = || {
+            let Some(volume) = open.chosen_volume() else { return 1.0 };
+            if volume.modality == Modality::Ct {
+                return 60.0;
+            }
+            let (low, high) = volume.bricks().range();
+            let range = (volume.rescale.value(high) - volume.rescale.value(low)).abs();
+            if range > 0.0 { round(0.05 * range) } else { 1.0 }
+        };
+        self.tolerance.unwrap_or_else(first).clamp(1e-6, 1e6)
     }
 
     /// What the settings say about where tools may select.
@@ -188,9 +237,14 @@ pub struct Tools {
     /// What the option bar shows.
     pub settings: Settings,
     brush: brush::Brush,
+    lasso: lasso::Lasso,
+    rectangle: rectangle::Rectangle,
+    grow: grow::Grow,
     work: Option<Work>,
     /// The view that the primary button was pressed in and still is.
     held: Option<View>,
+    /// Of frames with dabs: what those took, with their edit, ms.
+    dab_ms: Vec<f64>,
     /// What is to be said, until it is.
     said: Option<String>,
     /// The selection that was chosen beside the picture, so that choosing another one there is noticed.
@@ -200,9 +254,16 @@ pub struct Tools {
 impl Tools {
     /// Another figure is open: nothing of the old one is left, but for how tools are set.
     pub fn forget_figure(&mut self) {
-        let settings =
-            Settings { target: None, range: None, radius_mm: None, refine_mm: None, ..self.settings.clone() };
-        *self = Self { active: self.active, settings, ..Self::default() };
+        let settings = Settings {
+            erases: self.settings.erases,
+            is_soft: self.settings.is_soft,
+            is_connected: self.settings.is_connected,
+            is_visible_only: self.settings.is_visible_only,
+            is_surface_only: self.settings.is_surface_only,
+            ..Settings::default()
+        };
+        let dab_ms = std::mem::take(&mut self.dab_ms);
+        *self = Self { active: self.active, settings, dab_ms, ..Self::default() };
     }
 
     /// The tool in the hand.
@@ -212,16 +273,41 @@ impl Tools {
 
     /// Takes up a tool.
     pub fn take(&mut self, tool: Tool, open: Option<&mut OpenFigure>) {
-        if let Some(open) = open.filter(|_| self.brush.is_busy()) {
+        // A region that is looked at is accepted.
+        if let Some(open) = open.filter(|_| self.brush.is_busy() || self.grow.is_open()) {
             open.document.commit();
         }
+        self.abort();
+        self.active = tool;
+    }
+
+    /// Escape: what is not finished is given up; whether anything was. The document's gesture is given up beside it.
+    pub fn abort(&mut self) -> bool {
+        let was_open = self.lasso.is_open() || self.rectangle.is_open();
         self.brush.abort();
-        (self.active, self.held) = (tool, None);
+        self.lasso.abort();
+        self.rectangle.abort();
+        self.grow.abort();
+        if let Some((_, progress)) = self.progress() {
+            progress.cancel();
+        }
+        self.held = None;
+        was_open
+    }
+
+    /// Whether the wheel is a tool's.
+    pub fn takes_wheel(&self) -> bool {
+        self.grow.is_open()
     }
 
     /// Whether the primary button is a tool's.
     pub fn takes_primary(&self) -> bool {
         self.active != Tool::Select
+    }
+
+    /// What the dabs of frames took, with their edit, ms.
+    pub fn dab_ms(&self) -> &[f64] {
+        &self.dab_ms
     }
 
     /// What the hand can do.
@@ -231,7 +317,7 @@ impl Tools {
 
     /// Whether an edit is under way that ends by itself.
     pub fn is_busy(&self) -> bool {
-        self.work.is_some() || self.brush.is_busy() && self.held.is_none()
+        self.work.is_some() || self.grow.is_growing() || self.brush.is_busy() && self.held.is_none()
     }
 
     /// What there is to say since the last time.
@@ -295,15 +381,33 @@ impl Tools {
         // What is drawn anew during a drag is seen from where it began.
         let view = self.held.clone().or(aimed.clone());
         let before = open.document.figure().clone();
-        let said = match self.active {
-            Tool::Select => None,
-            Tool::Brush => self.brush.follow(&hands, view.as_ref(), open, &mut self.settings),
-        };
+        let shift = ui.input(|i| i.modifiers.shift);
+        let begun = Instant::now();
+        let (mut said, mut around) = (None, None);
+        match self.active {
+            Tool::Select => {}
+            Tool::Brush => said = self.brush.follow(&hands, view.as_ref(), open, &mut self.settings),
+            Tool::Lasso => around = self.lasso.follow(ui, &hands, view.as_ref()).map(|around| (around, "Lasso")),
+            Tool::Rectangle => {
+                around = self.rectangle.follow(&hands, view.as_ref(), shift).map(|around| (around, "Rectangle"));
+            }
+            Tool::Grow => match self.grow.follow(ui, &hands, view.as_ref(), open, &mut self.settings) {
+                Ok(None) => {}
+                Ok(Some(accepted)) => self.settings.target = Some(accepted),
+                Err(sentence) => said = Some(sentence),
+            },
+        }
+        if let Some((around, verb)) = around {
+            said = self.enclose(ui.ctx(), open, around, verb).err();
+        }
         if hands.contains(&Hand::Released) {
             self.held = None;
         }
         self.said = said.or(self.said.take());
         if !Arc::ptr_eq(&before, open.document.figure()) {
+            if self.active == Tool::Brush {
+                self.dab_ms.push(1e3 * begun.elapsed().as_secs_f64());
+            }
             self.brush.forget_surface();
             self.poll(open);
             ui.ctx().request_repaint();
@@ -312,6 +416,20 @@ impl Tools {
             ui.ctx().request_repaint();
         }
         self.draw(ui, open, view.as_ref());
+    }
+
+    /// Begins to select what is in a loop.
+    fn enclose(&mut self, ctx: &Context, open: &OpenFigure, around: lasso::Loop, verb: &str) -> Result<(), String> {
+        if self.work.is_some() {
+            return Err("Another edit is under way".to_owned());
+        }
+        let target = target::Target::of(open, self.settings.target.as_deref())?;
+        let limits = self.settings.limits(open, &target.volume);
+        let depth_mm = self.settings.depth_mm(open);
+        let reach = if self.settings.is_surface_only { work::Reach::Surface(depth_mm) } else { work::Reach::Through };
+        let erases = self.settings.erases != around.alt;
+        self.work = Some(work::enclose(ctx, target, around, limits, reach, erases, verb));
+        Ok(())
     }
 
     /// What is drawn over the view at the pointer.
@@ -327,6 +445,15 @@ impl Tools {
             Tool::Brush => {
                 ui.ctx().set_cursor_icon(CursorIcon::None);
                 self.brush.cursor(&painter, at, view, self.settings.radius_mm(open), erases);
+            }
+            Tool::Lasso | Tool::Rectangle => {
+                ui.ctx().set_cursor_icon(CursorIcon::Crosshair);
+                self.lasso.draw(&painter, at);
+                self.rectangle.draw(&painter);
+            }
+            Tool::Grow => {
+                ui.ctx().set_cursor_icon(CursorIcon::Crosshair);
+                self.grow.draw(&painter, at, self.settings.tolerance(open));
             }
         }
     }

@@ -1,15 +1,18 @@
 //! Edits of selections that may take a while: on a thread, and then one step.
 
-use eframe::egui::Context;
+use eframe::egui::{Context, Pos2};
 use fabrica_engine::Progress;
-use fabrica_engine::selection::{Connectivity, Holes, Selection};
+use fabrica_engine::selection::{Connectivity, DepthRange, Holes, Lasso, Limits, Selection};
+use glam::DVec2;
 
 use super::super::files::{Job, is_cancelled};
 use super::super::open_figure::OpenFigure;
 use super::super::ui_command::UiCommand;
 use super::super::wording;
+use super::lasso::Loop;
 use super::shorter_mm;
-use super::target::{Target, grouped};
+use super::target::{Target, combination, grouped};
+use super::view::{FigureView, View};
 
 /// An edit that is under way.
 pub struct Work {
@@ -87,4 +90,82 @@ pub fn refine(ctx: &Context, command: UiCommand, target: Target, mm: f64) -> Opt
         }
         Ok(selection)
     }))
+}
+
+/// How far a loop reaches into the body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Reach {
+    /// Through everything.
+    Through,
+    /// From the first surface that is seen so deep, mm; in a slice its own layer of voxels.
+    Surface(f64),
+}
+
+/// Begins to select what lies in a loop on the screen.
+pub fn enclose(
+    ctx: &Context,
+    target: Target,
+    around: Loop,
+    limits: Limits,
+    reach: Reach,
+    erases: bool,
+    verb: &str,
+) -> Work {
+    let how = combination(erases);
+    let label = if erases { format!("{verb} out of {}", target.title) } else { format!("{verb} {}", target.title) };
+    Work::start(ctx, target, label, "Nothing inside", move |mut selection, progress| {
+        let view = &around.view;
+        let polygon: Vec<DVec2> = around.corners.iter().map(|at| DVec2::new(at.x.into(), at.y.into())).collect();
+        let seen = |place| view.seen(place);
+        let spacing = selection.grid().spacing_mm().max_element();
+        let depth: Option<Box<DepthRange<'_>>> = match (reach, view) {
+            (Reach::Through, _) => None,
+            (Reach::Surface(_), View::Slice(_, geometry)) => {
+                let half = 0.5 * geometry.frame.step_mm;
+                Some(Box::new(move |_| Some([-half, half])))
+            }
+            (Reach::Surface(depth_mm), View::Figure(figure)) => {
+                let depths = Depths::new(figure, &polygon, progress)?;
+                Some(Box::new(move |at| depths.at(at).map(|near| [near - spacing, near + depth_mm])))
+            }
+        };
+        let lasso = Lasso { polygon, screen_from_world: &seen, depth: depth.as_deref() };
+        let found = lasso.select(selection.grid(), &limits, selection.pool(), progress)?;
+        drop(selection.combine(&found, how).map_err(anyhow::Error::msg)?);
+        Ok(selection)
+    })
+}
+
+/// How deep the first surface lies within a loop, in a raster of the screen.
+struct Depths {
+    first: DVec2,
+    size: [usize; 2],
+    /// mm along the view axis; NaN where nothing is seen.
+    mm: Vec<f64>,
+}
+
+/// Edge of a cell, in points.
+const CELL: f64 = 3.0;
+
+impl Depths {
+    fn new(figure: &FigureView, polygon: &[DVec2], progress: &Progress) -> anyhow::Result<Self> {
+        let low = polygon.iter().copied().fold(DVec2::INFINITY, DVec2::min);
+        let high = polygon.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
+        let size = ((high - low) / CELL).to_array().map(|n| n.clamp(0.0, 4096.0) as usize + 1);
+        progress.begin("looking", size[1] as u64);
+        let mut mm = Vec::with_capacity(size[0] * size[1]);
+        for y in 0..size[1] {
+            progress.advance(1)?;
+            mm.extend((0..size[0]).map(|x| {
+                let at = low + (DVec2::new(x as f64, y as f64) + 0.5) * CELL;
+                figure.depth_mm(Pos2::new(at.x as f32, at.y as f32)).unwrap_or(f64::NAN)
+            }));
+        }
+        Ok(Self { first: low, size, mm })
+    }
+
+    fn at(&self, at: DVec2) -> Option<f64> {
+        let [x, y] = ((at - self.first) / CELL).to_array().map(|n| n.max(0.0) as usize);
+        (x < self.size[0] && y < self.size[1]).then(|| self.mm[x + self.size[0] * y]).filter(|depth| !depth.is_nan())
+    }
 }
