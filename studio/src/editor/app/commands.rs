@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use eframe::egui::{self, Context, ViewportCommand};
+use fabrica_engine::Progress;
 use fabrica_engine::slice::anatomical::Convention;
 use fabrica_engine::styles::StyleLibrary;
 use glam::DVec3;
@@ -20,7 +21,7 @@ use super::super::{files, view, wording};
 use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
 use crate::figure::template::{CameraTemplate, QualityName};
-use crate::figure::{Command, Document, Template, framing};
+use crate::figure::{Command, Document, Template, bridge, framing};
 
 impl Editor {
     /// Why a command cannot be run just now; `None` if it can.
@@ -352,8 +353,11 @@ impl Editor {
 fn fitted(open: &mut OpenFigure, styles: &StyleLibrary) -> CameraTemplate {
     let scene = open.scene(styles);
     let figure = open.document.figure();
-    match scene.as_ref().and_then(|scene| scene.objects.first()) {
-        Some(object) => framing::fit(&figure.camera, &figure.figure, object),
+    let sources = open.sources();
+    let reference =
+        sources.and_then(|sources| bridge::reference(figure, &sources, styles, &Progress::new()).ok().flatten());
+    match scene.as_ref().and_then(|scene| scene.objects.first()).zip(reference) {
+        Some((object, reference)) => framing::fit(&figure.camera, &figure.figure, object, &reference),
         None => view::fit(&figure.camera),
     }
 }

@@ -199,7 +199,7 @@ const SHOWN: f64 = 0.02;
 
 type Allowed = Arc<dyn Fn([usize; 3]) -> bool + Send + Sync>;
 
-/// Whether the object's transfer function shows a voxel; none for colors, whose opacity is their own.
+/// Whether the object's transfer function shows a voxel, or one beside it; none for colors, whose opacity is their own.
 fn visible(open: &OpenFigure, volume: &Arc<Volume>) -> Option<Allowed> {
     let function = &open.chosen()?.transfer_function;
     if volume.colors.is_some() {
@@ -218,8 +218,14 @@ fn visible(open: &OpenFigure, volume: &Arc<Volume>) -> Option<Allowed> {
         opacity: node.opacity,
     });
     let function = fabrica_engine::scene::StyleTransferFunction { nodes: nodes.collect(), reference_length_mm: 1.0 };
-    let volume = volume.clone();
-    Some(Arc::new(move |[x, y, z]| function.classify(volume.value(x, y, z)).opacity >= SHOWN))
+    let (volume, dims) = (volume.clone(), volume.grid.dims());
+    let is_shown = move |[x, y, z]: [usize; 3]| function.classify(volume.value(x, y, z)).opacity >= SHOWN;
+    // With the voxels beside them: a surface passes between voxels that are shown and voxels that are not, and a selection of
+    // the former alone would end within it, in a pattern of dots.
+    Some(Arc::new(move |voxel| {
+        let near = |a: usize| voxel[a].saturating_sub(1)..(voxel[a] + 2).min(dims[a]);
+        is_shown(voxel) || near(2).any(|z| near(1).any(|y| near(0).any(|x| is_shown([x, y, z]))))
+    }))
 }
 
 /// What the hand did, in the order in which it did it.

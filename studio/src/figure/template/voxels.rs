@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 /// ascending order of z, y and x: place (three little-endian u32, in bricks of 8³ voxels), 0 and the membership of all of its
 /// voxels, or 1 and 512 memberships, x fastest, 255 = 1.
 #[derive(Clone, Debug)]
-pub struct SelectionVoxels(Selection);
+pub struct SelectionVoxels(Arc<Selection>);
 
 /// Bricks along an edge of the blocks that copies share: what of an edit is copied at least.
 const SHARED_BLOCK: usize = 8;
@@ -28,7 +28,7 @@ const SHARED_BLOCK: usize = 8;
 impl SelectionVoxels {
     /// Those of a selection.
     pub fn new(selection: Selection) -> Self {
-        Self(selection)
+        Self(Arc::new(selection))
     }
 
     /// As the engine has them.
@@ -72,7 +72,8 @@ impl SelectionVoxels {
 impl PartialEq for SelectionVoxels {
     fn eq(&self, other: &Self) -> bool {
         let differs = |place: &[usize; 3]| self.0.brick(*place).values() != other.0.brick(*place).values();
-        self.0.grid() == other.0.grid() && !self.0.changed_since(&other.0).iter().any(differs)
+        Arc::ptr_eq(&self.0, &other.0)
+            || self.0.grid() == other.0.grid() && !self.0.changed_since(&other.0).iter().any(differs)
     }
 }
 
@@ -159,7 +160,7 @@ fn read(written: &Written) -> Result<SelectionVoxels, String> {
         bricks.push((place, brick));
     }
     selection.replace(bricks);
-    Ok(SelectionVoxels(selection))
+    Ok(SelectionVoxels::new(selection))
 }
 
 impl JsonSchema for SelectionVoxels {
