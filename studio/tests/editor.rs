@@ -1062,6 +1062,12 @@ fn a_random_walk_through_the_window_can_be_undone_to_its_first_byte() {
                 harness.step();
             }
         }
+        // What is previewed is dropped; dabs that are left are painted.
+        harness.key_press(Key::Escape);
+        harness.step();
+        while editor(&harness).tools().is_busy() {
+            harness.step();
+        }
         assert_eq!(editor(&harness).banner(), None, "step {step}");
         let document = editor(&harness).document().unwrap_or_else(|| panic!("step {step} closed the figure"));
         assert!(!document.in_gesture(), "step {step} leaves a gesture open");
@@ -1367,4 +1373,210 @@ fn the_side_of_slices_is_said_and_kept() {
     run(&mut second, UiCommand::New);
     second.step();
     assert!(second.query_all_by_label_contains("slice at").next().is_none());
+}
+
+/// Voxels of the painted selection of that name; none where there is no such slot.
+fn painted(harness: &Window, name: &str) -> Option<f64> {
+    let figure = figure(harness);
+    let slot = figure.selections.iter().find(|s| s.name == name)?;
+    slot.voxels.as_ref().map(|voxels| voxels.selection().num_voxels())
+}
+
+#[test]
+fn a_stroke_makes_a_region_and_is_one_step() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    let first = figure(&harness).to_json().unwrap();
+    harness.key_press(Key::B);
+    harness.step();
+    // Given up, it was never there.
+    drag(&mut harness, PointerButton::Primary, Vec2::new(30.0, 10.0), false);
+    assert!(painted(&harness, "Selection 1").is_some_and(|n| n > 0.0));
+    harness.key_press(Key::Escape);
+    harness.step();
+    assert_eq!(figure(&harness).to_json().unwrap(), first);
+    let up = Event::PointerButton {
+        pos: MIDDLE + Vec2::new(30.0, 10.0),
+        button: PointerButton::Primary,
+        pressed: false,
+        modifiers: Modifiers::NONE,
+    };
+    harness.event(up);
+    harness.step();
+    assert_eq!(figure(&harness).to_json().unwrap(), first);
+    // A stroke: a slot, a region and its voxels in one step.
+    drag(&mut harness, PointerButton::Primary, Vec2::new(30.0, 10.0), true);
+    settle(&mut harness);
+    let one = painted(&harness, "Selection 1").unwrap();
+    assert!(one > 0.0 && figure(&harness).objects[0].regions.len() == 1);
+    let text = labels(&harness);
+    assert!(text.len() == 1 && text[0].starts_with("Paint Selection 1, "), "{text:?}");
+    let wanted = format!("Paint Selection 1, {} voxels", one.round());
+    assert_eq!(text[0], wanted);
+    // The next one goes into the same selection; Alt takes away.
+    drag(&mut harness, PointerButton::Primary, Vec2::new(-40.0, 10.0), true);
+    settle(&mut harness);
+    let two = painted(&harness, "Selection 1").unwrap();
+    assert!(two > one && figure(&harness).objects[0].regions.len() == 1);
+    drag_with(&mut harness, PointerButton::Primary, Modifiers::ALT, Vec2::new(-40.0, 10.0), true);
+    settle(&mut harness);
+    assert!(painted(&harness, "Selection 1").unwrap() < two);
+    assert!(labels(&harness)[2].starts_with("Erase from Selection 1, "), "{:?}", labels(&harness));
+    // What is saved is read again, and the middle button turns the figure as ever.
+    let text = figure(&harness).to_json().unwrap();
+    assert_eq!(Template::parse(&text).unwrap(), figure(&harness));
+    let from = figure(&harness).camera.from;
+    drag(&mut harness, PointerButton::Middle, Vec2::new(30.0, 0.0), true);
+    assert_ne!(figure(&harness).camera.from, from);
+    assert!(harness.unnamed_widgets().is_empty(), "{:?}", harness.unnamed_widgets());
+    undo_all(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), first);
+    // Off the surface nothing is painted.
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, MIDDLE + Vec2::new(0.0, 1000.0), MIDDLE, true);
+    harness.key_press(Key::V);
+    harness.step();
+    assert!(!editor(&harness).tools().takes_primary());
+    settle(&mut harness);
+}
+
+#[test]
+fn the_radius_and_the_menu_refine_what_was_painted() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    run(&mut harness, UiCommand::BrushTool);
+    assert!(editor(&harness).disabled(UiCommand::GrowSelection).is_some());
+    drag(&mut harness, PointerButton::Primary, Vec2::new(4.0, 0.0), true);
+    settle(&mut harness);
+    let small = painted(&harness, "Selection 1").unwrap();
+    run(&mut harness, UiCommand::Undo);
+    // A wider brush by Shift+drag and by a key.
+    let shift = Modifiers::SHIFT;
+    drag_with(&mut harness, PointerButton::Primary, shift, Vec2::new(25.0, 0.0), true);
+    assert!(labels(&harness).is_empty(), "a radius is no edit: {:?}", labels(&harness));
+    harness.key_press(Key::CloseBracket);
+    harness.step();
+    drag(&mut harness, PointerButton::Primary, Vec2::new(4.0, 0.0), true);
+    settle(&mut harness);
+    let large = painted(&harness, "Selection 1").unwrap();
+    assert!(large > 1.5 * small, "{large} {small}");
+    let mut before = large;
+    for (command, grows) in
+        [(UiCommand::GrowSelection, true), (UiCommand::ShrinkSelection, false), (UiCommand::InvertSelection, true)]
+    {
+        run(&mut harness, command);
+        settle(&mut harness);
+        let after = painted(&harness, "Selection 1").unwrap();
+        assert_eq!(after > before, grows, "{command:?}: {before} to {after}");
+        before = after;
+    }
+    assert_eq!(labels(&harness).len(), 4);
+    // What changes nothing is said, and is no step.
+    run(&mut harness, UiCommand::KeepLargest);
+    settle(&mut harness);
+    assert!(labels(&harness).len() <= 5);
+    while labels(&harness).len() > 1 {
+        run(&mut harness, UiCommand::Undo);
+    }
+    assert_eq!(painted(&harness, "Selection 1"), Some(large));
+}
+
+#[test]
+fn the_brush_paints_in_slices() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    let first = figure(&harness).to_json().unwrap();
+    run(&mut harness, UiCommand::Slices);
+    run(&mut harness, UiCommand::BrushTool);
+    harness.step();
+    let crosshair = slices(&harness).crosshair_mm().unwrap();
+    let middle = slice_rect(&harness, Orientation::Axial).center();
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, middle, middle + Vec2::new(12.0, 0.0), true);
+    settle(&mut harness);
+    assert!(painted(&harness, "Selection 1").is_some_and(|n| n > 0.0), "{:?}", editor(&harness).notice());
+    assert_eq!(slices(&harness).crosshair_mm().unwrap(), crosshair, "the primary button is the brush's");
+    assert!(harness.unnamed_widgets().is_empty());
+    undo_all(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), first);
+    settle(&mut harness);
+}
+
+#[test]
+fn loops_select_what_they_go_around() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    let first = figure(&harness).to_json().unwrap();
+    run(&mut harness, UiCommand::RectangleTool);
+    // The left half of the ball, through everything; then its front alone.
+    let middle = harness.get_by_label_contains("Figure:").rect().center();
+    let (from, to) = (middle - Vec2::splat(150.0), middle + Vec2::new(0.0, 150.0));
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, from, to, true);
+    settle(&mut harness);
+    let half = painted(&harness, "Selection 1").unwrap_or_else(|| panic!("{}", editor(&harness).notice()));
+    assert!(labels(&harness)[0].starts_with("Rectangle Selection 1, +"), "{:?}", labels(&harness));
+    run(&mut harness, UiCommand::Undo);
+    click_on(&mut harness, "Surface");
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, from, to, true);
+    settle(&mut harness);
+    let front = painted(&harness, "Selection 1").unwrap_or_else(|| panic!("{}", editor(&harness).notice()));
+    assert!(front > 0.0 && front < 0.9 * half, "{front} of {half}");
+    run(&mut harness, UiCommand::Undo);
+    // The lasso, corner by corner; Backspace takes one back, Enter closes.
+    run(&mut harness, UiCommand::LassoTool);
+    for by in [Vec2::new(-40.0, -40.0), Vec2::new(40.0, -40.0), Vec2::new(0.0, 60.0), Vec2::new(-90.0, 60.0)] {
+        click(&mut harness, MIDDLE + by);
+    }
+    harness.key_press(Key::Backspace);
+    harness.step();
+    harness.key_press(Key::Enter);
+    settle(&mut harness);
+    assert!(painted(&harness, "Selection 1").is_some_and(|n| n > 0.0), "{}", editor(&harness).notice());
+    assert!(labels(&harness)[0].starts_with("Lasso Selection 1, +"), "{:?}", labels(&harness));
+    run(&mut harness, UiCommand::Undo);
+    // Freehand around nothing: no step.
+    let corner = middle + Vec2::new(-150.0, 150.0);
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, corner, corner + Vec2::new(9.0, -9.0), true);
+    settle(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), first);
+    assert!(harness.unnamed_widgets().is_empty());
+}
+
+#[test]
+fn a_region_grows_from_a_seed_until_it_is_accepted() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    let first = figure(&harness).to_json().unwrap();
+    run(&mut harness, UiCommand::GrowTool);
+    click(&mut harness, MIDDLE);
+    settle_tools(&mut harness);
+    assert!(painted(&harness, "Selection 1").is_some_and(|n| n > 0.0), "{}", editor(&harness).notice());
+    assert!(labels(&harness).is_empty(), "it is looked at only");
+    // More tolerance takes no less.
+    let small = painted(&harness, "Selection 1").unwrap();
+    drag(&mut harness, PointerButton::Primary, Vec2::new(200.0, 0.0), true);
+    settle_tools(&mut harness);
+    assert!(painted(&harness, "Selection 1").unwrap() >= small);
+    harness.key_press(Key::Escape);
+    harness.step();
+    harness.step();
+    assert_eq!(figure(&harness).to_json().unwrap(), first);
+    click(&mut harness, MIDDLE);
+    settle_tools(&mut harness);
+    harness.key_press(Key::Enter);
+    settle(&mut harness);
+    let steps = labels(&harness);
+    assert!(steps.len() == 1 && steps[0].starts_with("Grow Selection 1, ±"), "{steps:?}");
+    undo_all(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), first);
+}
+
+/// Runs frames until no tool is at work.
+fn settle_tools(harness: &mut Window) {
+    let start = Instant::now();
+    harness.step();
+    while editor(harness).tools().is_busy() {
+        assert!(start.elapsed() < Duration::from_secs(60), "a tool is still busy");
+        std::thread::sleep(Duration::from_millis(2));
+        harness.step();
+    }
+    harness.step();
 }

@@ -111,6 +111,11 @@ impl Stroke {
         self.now.replace(bricks).places().collect()
     }
 
+    /// Lifts the brush: the next point begins another part of the path, with nothing painted on the way there.
+    pub fn lift(&mut self) {
+        self.last = None;
+    }
+
     /// The selection with the stroke so far.
     pub fn selection(&self) -> &Selection {
         &self.now

@@ -15,6 +15,7 @@ pub mod session;
 pub mod slices;
 pub mod theme;
 pub mod timings;
+pub mod tools;
 pub mod ui_command;
 pub mod view;
 pub mod viewport;

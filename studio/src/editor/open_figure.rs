@@ -11,7 +11,7 @@ use fabrica_engine::volume::Volume;
 
 use super::panels::regions::Chosen;
 use super::wording;
-use crate::figure::sources::{Selections, Sources};
+use crate::figure::sources::{self, Selections, Sources};
 use crate::figure::template::{ObjectTemplate, SelectionSlot, VolumeSlot};
 use crate::figure::{Command, Document, Template, bridge};
 
@@ -110,6 +110,22 @@ impl OpenFigure {
         })
     }
 
+    /// Takes what is painted in the figure as it is now for what was read: at once, as it is in memory. To be called whenever
+    /// the document may have changed by itself (undo) and before anybody asks for sources.
+    pub fn follow_voxels(&mut self) {
+        let figure = self.document.figure().clone();
+        for slot in figure.selections.iter().filter(|slot| slot.voxels.is_some()) {
+            let Some(volume) = self.volume_named(&slot.volume).cloned() else { continue };
+            if self.selections_of(slot).is_none()
+                && let Some(painted) = sources::painted(slot, &volume)
+            {
+                // What it was before is in the document's past.
+                self.selections.retain(|(read, ..)| read.name != slot.name || read.voxels.is_none());
+                self.keep_selections(slot.clone(), &volume, painted);
+            }
+        }
+    }
+
     /// Keeps selections for a slot and the volume that they were read for.
     pub fn keep_selections(&mut self, slot: SelectionSlot, volume: &Arc<Volume>, read: Arc<Selections>) {
         self.selections.push((slot, Arc::downgrade(volume), read));
@@ -184,6 +200,7 @@ impl OpenFigure {
         if let Err(error) = self.document.apply(command) {
             self.fault = Some(wording::sentence(&error));
         }
+        self.follow_voxels();
         let num_nodes = self.chosen().map_or(0, |o| o.transfer_function.nodes.len());
         self.node = self.node.filter(|n| *n < num_nodes);
     }

@@ -23,6 +23,8 @@ use super::painter::{Painter, Request, Stage, Update};
 use super::panels::curve::{dress_material, insert_node};
 use super::panels::properties::shorter;
 use super::panels::transfer_function::FunctionView;
+use super::slices::pane::is_tools;
+use super::tools::FigureView;
 use super::{theme, view};
 use crate::figure::template::CameraTemplate;
 use crate::figure::{Command, Template};
@@ -176,6 +178,10 @@ pub struct Viewport {
     pub marker_mm: Option<DVec3>,
     /// What was asked about last, until somebody takes it.
     asked: Option<Pick>,
+    /// Whether the primary button is a tool's.
+    pub is_tools: bool,
+    /// The figure as a tool sees it, where the primary button would be pressed on it.
+    aimed: Option<FigureView>,
 }
 
 /// What a drag does.
@@ -220,6 +226,11 @@ impl Viewport {
     /// What the pointer is on.
     pub fn under(&self) -> Option<Under> {
         self.under.as_ref().and_then(|(_, _, under)| *under)
+    }
+
+    /// The figure as a tool sees it, if it is under the pointer.
+    pub fn aimed(&self) -> Option<FigureView> {
+        self.aimed.clone()
     }
 
     /// What was asked about since this was called last.
@@ -272,7 +283,14 @@ impl Viewport {
 
         self.hover(ui, &response, open, gallery, frame, size);
         function_view.marked = self.answer.as_ref().map(|a| a.pick.value).or(self.under().map(|u| u.value));
+        let is_aimed = response.hovered() || response.is_pointer_button_down_on();
+        let scene = (self.is_tools && is_aimed).then(|| open.scene(gallery.library())).flatten();
+        self.aimed = scene.map(|scene| FigureView { frame, size, scene });
+        if self.is_tools && (response.clicked() || response.drag_started()) {
+            response.request_focus();
+        }
         if response.clicked()
+            && !self.is_tools
             && let Some(at) = response.interact_pointer_pos()
         {
             self.ask_what(open, gallery, at, frame, size);
@@ -294,6 +312,7 @@ impl Viewport {
         if response.drag_started() {
             response.request_focus();
             let button = buttons.into_iter().find(|b| response.dragged_by(*b));
+            let button = button.filter(|b| !(self.is_tools && is_tools(*b, modifiers, space)));
             let from = ui.input(|i| i.pointer.press_origin());
             self.motion = button.and_then(|b| motion(b, modifiers, space)).zip(from);
             if self.motion.is_some() {
@@ -322,8 +341,7 @@ impl Viewport {
             }
             ui.ctx().set_cursor_icon(CursorIcon::Grabbing);
         }
-        if response.drag_stopped() {
-            self.motion = None;
+        if response.drag_stopped() && self.motion.take().is_some() {
             open.document.commit();
         }
         self.hint = if open.document.in_motion() {

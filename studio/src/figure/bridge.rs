@@ -17,7 +17,7 @@ use glam::DVec3;
 use super::sources::Sources;
 use super::template::{
     Background, CameraTemplate, Domain, ObjectTemplate, ProjectionName, QualityName, Reference, RegionTemplate,
-    Template, Tint, TransferFunctionTemplate,
+    RestTemplate, Template, Tint, TransferFunctionTemplate,
 };
 
 /// The scene of a template with what was read for its slots, and what the user might want to know about how it came about, a
@@ -49,7 +49,7 @@ pub fn scene(
         }
         objects.push(made);
     }
-    let camera = camera(&template.camera, objects.first())?;
+    let camera = camera(&template.camera, reference(template, sources, styles, progress)?.as_ref())?;
     let mut visible = template.objects.iter().map(|o| o.visible);
     objects.retain(|_| visible.next().unwrap_or(true));
     let scene = Scene {
@@ -87,6 +87,25 @@ pub(super) fn object(
 ) -> Result<Object> {
     let (used, notes) = (&mut Vec::new(), &mut Vec::new());
     Making { volume, styles, used, notes, progress }.object(template)
+}
+
+/// What the camera's lengths are relative to: the first object as its own transfer function shows it. Its regions have no part in
+/// that, so that the view stays where it is when something is painted or hidden.
+///
+/// # Errors
+/// As [`scene`], for what concerns the object.
+pub fn reference(
+    template: &Template,
+    sources: &Sources,
+    styles: &StyleLibrary,
+    progress: &Progress,
+) -> Result<Option<Object>> {
+    let Some(first) = template.objects.first() else { return Ok(None) };
+    let slot = template.volumes.iter().position(|v| v.name == first.volume);
+    let volume =
+        slot.and_then(|i| sources.volumes.get(i)).context("a volume slot of the template is empty; fill it")?;
+    let plain = ObjectTemplate { rest: RestTemplate::default(), regions: Vec::new(), ..first.clone() };
+    object(&plain, volume, styles, progress).map(Some)
 }
 
 /// An object of a scene in the making.

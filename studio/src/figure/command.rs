@@ -7,11 +7,12 @@ use anyhow::{Result, bail};
 
 use super::template::{
     Background, CameraTemplate, LookTemplate, NodeTemplate, Page, ProjectionName, QualityName, RegionTemplate,
-    RestTemplate, SelectionSlot, StructureTemplate, Template, TransferFunctionTemplate, VolumeSlot,
+    RestTemplate, SelectionSlot, SelectionVoxels, StructureTemplate, Template, TransferFunctionTemplate, VolumeSlot,
 };
 
 /// One edit. Objects, nodes and volume slots are named by their position.
 #[derive(Clone, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "there are few at a time, and the large ones are as frequent as the others")]
 pub enum Command {
     /// The figure's title.
     SetTitle(String),
@@ -137,6 +138,15 @@ pub enum Command {
         /// Names, and what differs from the group's look.
         looks: Vec<(String, LookTemplate)>,
     },
+    /// What is painted in a slot of selections, in place of what was in it.
+    SetVoxels {
+        /// The slot's name.
+        slot: String,
+        /// What it is now.
+        voxels: SelectionVoxels,
+        /// What the edit is called.
+        label: String,
+    },
     /// Another file in a slot.
     SetVolume {
         /// Which slot.
@@ -174,6 +184,7 @@ impl Command {
             Self::SetRest { rest, .. } if rest.visible => "Show the rest".to_owned(),
             Self::SetRest { .. } => "Hide the rest".to_owned(),
             Self::SetLooks { looks, .. } => format!("Change look of {} structures", looks.len()),
+            Self::SetVoxels { label, .. } => label.clone(),
             Self::SetVolume { slot, volume } => reading(figure.volumes.get(*slot), volume),
         }
     }
@@ -301,6 +312,12 @@ impl Command {
             Self::SetLooks { object, region, looks } => {
                 let region = region_of(&mut object_of(figure, object)?.regions, region)?;
                 looks.into_iter().for_each(|(structure, look)| set_look(region, &structure, look));
+            }
+            Self::SetVoxels { slot: name, voxels, .. } => {
+                let Some(slot) = figure.selections.iter_mut().find(|s| s.name == name) else {
+                    bail!("the figure has no selections \"{name}\"");
+                };
+                (slot.voxels, slot.file, slot.table) = (Some(voxels), None, None);
             }
             Self::SetVolume { slot, volume } => match figure.volumes.get_mut(slot) {
                 Some(place) => *place = volume,

@@ -1,8 +1,9 @@
 //! The figure that is edited: its present, its past (undo), its undone future (redo), what is on the disk. One step per
 //! gesture, within a budget of memory.
 //!
-//! A step keeps the figure as it was. Figures are a few kilobytes of plain data (voxels are shared outside of them), so that
-//! whole copies are cheaper to get right than inverse commands, and undoing everything gives the first figure byte for byte.
+//! A step keeps the figure as it was. Figures are a few kilobytes of plain data (volumes are shared outside of them, and copies of
+//! painted voxels share the bricks that are alike), so that whole copies are cheaper to get right than inverse commands, and
+//! undoing everything gives the first figure byte for byte.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,9 +11,9 @@ use std::sync::Arc;
 use anyhow::Result;
 
 use super::command::Command;
-use super::template::Template;
+use super::template::{SelectionVoxels, Template};
 
-/// Memory that past figures may take, in bytes of their JSON.
+/// Memory that past figures may take, in bytes: of voxels, what a step does not share with the next.
 const BUDGET: usize = 64 << 20;
 
 #[derive(Clone, Debug)]
@@ -88,6 +89,11 @@ impl Document {
             change(Arc::make_mut(figure));
         }
         self.last = None;
+    }
+
+    /// Memory that the past takes, in bytes, near enough: what counts against its budget.
+    pub fn undo_bytes(&self) -> usize {
+        self.undo.iter().map(|step| step.bytes).sum()
     }
 
     /// What undo would take back.
@@ -176,7 +182,7 @@ impl Document {
         }
         let Some(step) = self.undo.pop_back() else { return false };
         let now = std::mem::replace(&mut self.figure, step.figure);
-        self.redo.push(Step { label: step.label, bytes: size(&now), figure: now });
+        self.redo.push(Step { label: step.label, bytes: size(&now, &self.figure), figure: now });
         self.last = None;
         true
     }
@@ -194,9 +200,9 @@ impl Document {
     }
 
     fn push(&mut self, label: String, before: Arc<Template>) {
-        let bytes = size(&before);
+        let bytes = size(&before, &self.figure);
         self.undo.push_back(Step { label, figure: before, bytes });
-        let mut all: usize = self.undo.iter().map(|s| s.bytes).sum();
+        let mut all = self.undo_bytes();
         while all > self.budget
             && let Some(oldest) = self.undo.pop_front()
         {
@@ -205,14 +211,27 @@ impl Document {
     }
 }
 
-/// What a figure takes, near enough.
-fn size(figure: &Template) -> usize {
+/// What a figure takes beside the next, near enough.
+fn size(figure: &Template, next: &Template) -> usize {
     let nodes: usize = figure.objects.iter().map(|o| o.transfer_function.nodes.len()).sum();
-    2048 + 256 * nodes
+    let painted = |figure: &'_ Template| {
+        let slots = figure.selections.iter().filter_map(|s| Some((s.name.clone(), s.voxels.clone()?)));
+        slots.collect::<Vec<_>>()
+    };
+    let after = painted(next);
+    let own = |(name, voxels): (String, SelectionVoxels)| match after.iter().find(|(other, _)| *other == name) {
+        Some((_, other)) => voxels.unshared_bytes(other),
+        None => voxels.selection().num_bytes(),
+    };
+    2048 + 256 * nodes + painted(figure).into_iter().map(own).sum::<usize>()
 }
 
 #[cfg(test)]
 mod tests {
+    use fabrica_engine::selection::{BrickPool, Brush, BrushMode, Limits, Profile, Selection, Stroke};
+    use fabrica_engine::spaces::Grid;
+    use glam::DAffine3;
+
     use super::*;
     use crate::figure::template::{
         Background, LookTemplate, NodeTemplate, ProjectionName, QualityName, RegionTemplate, RestTemplate,
@@ -294,13 +313,58 @@ mod tests {
     #[test]
     fn the_oldest_steps_go_when_the_budget_is_full() {
         let mut document = Document::new(figure());
-        document.budget = 10 * size(document.figure());
+        document.budget = 10 * size(document.figure(), document.figure());
         for i in 0..50 {
             document.apply(Command::SetName { object: 0, name: i.to_string() }).unwrap();
         }
         assert_eq!(document.labels().count(), 10);
         while document.undo() {}
         assert_eq!(document.figure().objects[0].name, "39");
+    }
+
+    fn empty() -> Selection {
+        let grid = Grid::new([40, 40, 40], DAffine3::IDENTITY).unwrap();
+        Selection::empty(grid, &Arc::new(BrickPool::default()))
+    }
+
+    #[test]
+    fn two_hundred_strokes_stay_within_the_budget_and_go_back_to_the_first_byte() {
+        let first = figure().to_json().unwrap();
+        let mut document = Document::new(figure());
+        let grid = Grid::new([512; 3], DAffine3::from_scale(glam::DVec3::splat(0.5))).unwrap();
+        let mut selection = Selection::empty(grid, &Arc::new(BrickPool::default()));
+        let mut all = 0;
+        for i in 0..200 {
+            let brush = Brush { radius_mm: 6.0, profile: Profile::Soft, strength: 1.0, mode: BrushMode::Paint };
+            document.begin();
+            if i == 0 {
+                let volume = document.figure().volumes[0].name.clone();
+                let slot = SelectionSlot::painted("s", &volume, SelectionVoxels::new(selection.clone()));
+                let region = RegionTemplate::of("s", Some("s".to_owned()));
+                document.apply(Command::AddSelections { object: 0, slot, region }).unwrap();
+            }
+            let mut stroke = Stroke::new(&selection, brush, Limits::default()).unwrap();
+            for j in 0..20 {
+                let [x, y, z] = [20 + i * 37 % 200, 20 + j * 4, 20 + i * 53 % 200].map(|n| n as f64);
+                stroke.dab_to(glam::DVec3::new(x, y, z));
+                let (slot, label) = ("s".to_owned(), format!("Paint s, {i}"));
+                let voxels = SelectionVoxels::new(stroke.selection().clone());
+                document.apply(Command::SetVoxels { slot, voxels, label }).unwrap();
+            }
+            document.commit();
+            selection = stroke.selection().clone();
+            all += selection.num_bytes();
+        }
+        let last = document.figure().to_json().unwrap();
+        let bytes = document.undo_bytes();
+        println!("200 strokes: {:.1} MB of undo, {:.1} MB in whole copies", bytes as f64 / 1e6, all as f64 / 1e6);
+        assert!(document.labels().count() == 200 && bytes < BUDGET && bytes < all / 10, "{bytes} of {all}");
+        assert!(bytes > 200 * 10_000, "voxels count: {bytes}");
+        while document.undo() {}
+        assert_eq!(document.figure().to_json().unwrap(), first);
+        while document.redo() {}
+        assert_eq!(document.figure().to_json().unwrap(), last);
+        assert!(document.undo_bytes().abs_diff(bytes) < bytes / 100);
     }
 
     /// A linear congruential generator: the same walk on every machine.
@@ -334,7 +398,7 @@ mod tests {
         fn command(&mut self, document: &Document) -> Command {
             let node = self.below(9);
             let object = usize::from(self.below(20) == 0);
-            match self.below(21) {
+            match self.below(22) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
@@ -387,6 +451,14 @@ mod tests {
                     let looks = vec![("liver".to_owned(), self.look()), ("spleen".to_owned(), self.look())];
                     Command::SetLooks { object, region: self.below(2), looks }
                 }
+                20 => {
+                    let slot = ["organs", "bones"][self.below(2)].to_owned();
+                    let painted = document.figure().selections.iter().find_map(|s| s.voxels.clone());
+                    let mut selection = painted.map_or_else(empty, |voxels| voxels.selection().clone());
+                    let at = self.below(30);
+                    selection.change([[at, at + 9], [3, 9 + at], [0, 20]], |_, f| f.max(at as u8 * 8));
+                    Command::SetVoxels { slot, voxels: SelectionVoxels::new(selection), label: "Paint".to_owned() }
+                }
                 19 => {
                     let rest = RestTemplate { visible: self.below(2) == 0, ..RestTemplate::default() };
                     Command::SetRest { object, rest }
@@ -420,13 +492,14 @@ mod tests {
             Command::SetLook { .. } => 18,
             Command::SetLooks { .. } => 19,
             Command::SetRest { .. } => 20,
+            Command::SetVoxels { .. } => 21,
         }
     }
 
     #[test]
     fn a_random_walk_keeps_the_figure_whole_and_can_be_undone_to_its_first_byte() {
         let first = figure().to_json().unwrap();
-        let mut done = [0; 21];
+        let mut done = [0; 22];
         for seed in 0..20 {
             let mut dice = Dice(seed);
             let mut document = Document::new(figure());

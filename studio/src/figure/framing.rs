@@ -107,9 +107,10 @@ impl Frame {
     }
 }
 
-/// The view of before, moved so that the object, as large as it can be, fills the page.
-pub fn fit(camera: &CameraTemplate, page: &Page, object: &Object) -> CameraTemplate {
-    let (center, radius) = bridge::sphere(camera.relative_to, object);
+/// The view of before, moved so that the object, as large as it can be, fills the page; `reference` is what the camera's lengths
+/// are relative to.
+pub fn fit(camera: &CameraTemplate, page: &Page, object: &Object, reference: &Object) -> CameraTemplate {
+    let (center, radius) = bridge::sphere(camera.relative_to, reference);
     let from = DVec3::from_array(camera.from).try_normalize().unwrap_or(DVec3::Y);
     let view = View { from, up: DVec3::from_array(camera.up), is_of_sheet: false };
     let aspect = page.width_mm / page.height_mm;

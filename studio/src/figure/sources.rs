@@ -4,13 +4,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result, bail};
-use fabrica_engine::Progress;
 use fabrica_engine::read::ReadOptions;
 use fabrica_engine::read::label_table::read_label_table;
 use fabrica_engine::read::limits::Limits;
-use fabrica_engine::selection::{BrickPool, Structure, from_label_maps, read_selections, smooth_partition};
+use fabrica_engine::selection::{BrickPool, Selection, Structure, from_label_maps, read_selections, smooth_partition};
 use fabrica_engine::volume::Volume;
-use fabrica_engine::volume::labels::resample_layers;
+use fabrica_engine::volume::labels::{Label, resample_layers, same_grid};
+use fabrica_engine::{Error, Progress};
 
 use super::source::VolumeSource;
 use super::template::{SelectionSlot, Template, VolumeSlot};
@@ -26,6 +26,9 @@ pub struct Replacement {
 
 /// What borders of whole voxels are smoothed by, in voxels, unless the slot says otherwise: as little as takes their stairs.
 const CRISP_SIGMA: f64 = 1.0;
+
+/// The color of what was painted, where its region has none: an orange that most people tell from others.
+const PAINTED: [u8; 3] = [0xe6, 0x9f, 0x00];
 
 /// What is read for the slots of a figure.
 #[derive(Clone, Debug, Default)]
@@ -83,7 +86,7 @@ pub fn load(
         let volume = of.with_context(|| format!("the volume of the selections \"{}\" is missing", slot.name))?.clone();
         let loaded = match labels.get(i) {
             Some(file) => {
-                let slot = SelectionSlot { file: file.clone(), table: None, ..slot.clone() };
+                let slot = SelectionSlot { file: Some(file.clone()), voxels: None, table: None, ..slot.clone() };
                 load_selections(&slot, Path::new(""), &volume, progress)?
             }
             None => load_selections(slot, folder, &volume, progress)?,
@@ -103,12 +106,31 @@ pub fn load_selections(
     volume: &Volume,
     progress: &Progress,
 ) -> Result<Arc<Selections>> {
+    if let Some(painted) = painted(slot, volume) {
+        return Ok(painted);
+    }
     let pool = Arc::new(BrickPool::default());
     let read = || -> Result<Selections> {
         let table = slot.table.as_ref().map(|table| read_label_table(&folder.join(table))).transpose()?;
-        let (mut structures, mut notes) = match VolumeSource::parse(&slot.file, folder)? {
-            VolumeSource::Path(path) => read_selections(&path, &volume.grid, &pool, progress)?,
-            VolumeSource::Specimen(request) => {
+        let source = slot.file.as_ref().map(|file| VolumeSource::parse(file, folder)).transpose()?;
+        let (mut structures, mut notes) = match source {
+            None => {
+                let voxels = slot.voxels.as_ref().context("nothing is in it; give it a file")?;
+                match voxels.selection().resampled_to(&volume.grid, &pool, progress) {
+                    Ok((selection, note)) => {
+                        let changed =
+                            format!("\"{}\" was painted on other voxels and is resampled to these.", slot.name);
+                        (vec![structure(slot, selection)], [changed].into_iter().chain(note).collect())
+                    }
+                    Err(error @ Error::Cancelled) => return Err(error.into()),
+                    Err(_) => {
+                        let lost = "was painted elsewhere: nothing of it lies in this volume, so it is left out";
+                        (Vec::new(), vec![format!("\"{}\" {lost}.", slot.name)])
+                    }
+                }
+            }
+            Some(VolumeSource::Path(path)) => read_selections(&path, &volume.grid, &pool, progress)?,
+            Some(VolumeSource::Specimen(request)) => {
                 let labels = request.generate(progress)?.labels;
                 let layers = vec![labels];
                 let (layers, note) = resample_layers(layers, &volume.grid).map_err(anyhow::Error::msg)?;
@@ -119,10 +141,29 @@ pub fn load_selections(
             notes.extend(table.name(structures.iter_mut().map(|s| &mut s.label)));
         }
         let is_crisp = || structures.iter().all(|s| s.selection.is_crisp());
-        let sigma = slot.smooth_voxels.unwrap_or_else(|| if is_crisp() { CRISP_SIGMA } else { 0.0 });
+        if structures.is_empty() {
+            return Ok(Selections { structures, notes });
+        }
+        let stairs = || slot.voxels.is_none() && is_crisp();
+        let sigma = slot.smooth_voxels.unwrap_or_else(|| if stairs() { CRISP_SIGMA } else { 0.0 });
         Ok(Selections { structures: smooth_partition(&structures, sigma, progress)?, notes })
     };
     read().map(Arc::new).with_context(|| format!("the template's selections \"{}\" cannot be loaded", slot.name))
+}
+
+/// What was painted on the very voxels of its volume and is not smoothed: there at once. Nothing else.
+pub fn painted(slot: &SelectionSlot, volume: &Volume) -> Option<Arc<Selections>> {
+    let voxels = slot.voxels.as_ref().filter(|_| slot.smooth_voxels.unwrap_or(0.0) == 0.0)?;
+    let selection = voxels.selection();
+    same_grid(selection.grid(), &volume.grid).then(|| {
+        let structures = vec![structure(slot, selection.clone())];
+        Arc::new(Selections { structures, notes: Vec::new() })
+    })
+}
+
+/// The structure that was painted in a slot.
+fn structure(slot: &SelectionSlot, selection: Selection) -> Structure {
+    Structure { label: Label { id: 1, name: slot.name.clone(), color: PAINTED, code: None }, selection }
 }
 
 /// Loads the volume of each slot: the replacements in order, then what the template names (relative to `folder`).
@@ -161,4 +202,41 @@ pub fn load_slot(slot: &VolumeSlot, folder: &Path, limits: Limits, progress: &Pr
     VolumeSource::parse(&slot.file, folder)?
         .load(&ReadOptions { limits, ..slot.options()? }, progress)
         .with_context(|| format!("the template's volume \"{}\" cannot be loaded", slot.name))
+}
+
+#[cfg(test)]
+mod tests {
+    use fabrica_engine::selection::{Limits as Where, Shape};
+    use fabrica_engine::spaces::Grid;
+    use fabrica_engine::volume::{Rescale, Voxels};
+    use glam::{DAffine3, DVec3};
+
+    use super::*;
+    use crate::figure::template::SelectionVoxels;
+
+    #[test]
+    fn what_was_painted_goes_to_other_data_where_it_can() {
+        let grid = |scale: f64, by: f64| {
+            let affine = DAffine3::from_translation(DVec3::splat(by)) * DAffine3::from_scale(DVec3::splat(scale));
+            Grid::new([40; 3], affine).unwrap()
+        };
+        let volume = |grid: Grid| {
+            let voxels = Voxels::U8(vec![1; grid.num_voxels()]);
+            Volume::new(grid, voxels, Rescale::IDENTITY, "test").unwrap()
+        };
+        let pool = Arc::new(BrickPool::default());
+        let ball = Shape::ball(DVec3::splat(20.0), 9.0);
+        let ball = ball.select(&grid(1.0, 0.0), &Where::default(), &pool, &Progress::new()).unwrap();
+        let slot = SelectionSlot::painted("Ball", "v", SelectionVoxels::new(ball.clone()));
+        let load = |grid| load_selections(&slot, Path::new(""), &volume(grid), &Progress::new()).unwrap();
+        let same = load(grid(1.0, 0.0));
+        assert!(same.notes.is_empty() && same.structures[0].selection.changed_since(&ball).is_empty());
+        assert_eq!(same.structures[0].label.name, "Ball");
+        let finer = load(grid(0.8, 4.0));
+        assert!(finer.notes[0].contains("resampled"), "{:?}", finer.notes);
+        let ml = finer.structures[0].selection.volume_ml();
+        assert!((ml / ball.volume_ml() - 1.0).abs() < 0.02, "{ml} of {} ml", ball.volume_ml());
+        let elsewhere = load(grid(1.0, 500.0));
+        assert!(elsewhere.structures.is_empty() && elsewhere.notes[0].contains("left out"), "{:?}", elsewhere.notes);
+    }
 }

@@ -4,6 +4,7 @@
 //! Fields that this version does not know survive reading and writing (`extra`).
 
 mod region;
+mod voxels;
 
 use std::path::Path;
 
@@ -15,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 pub use region::{LookTemplate, RegionTemplate, RestTemplate, SelectionSlot, StructureTemplate, Tint};
+pub use voxels::SelectionVoxels;
 
 /// The version that this program writes.
 pub const VERSION: u32 = 1;

@@ -14,6 +14,7 @@ use super::super::file_dialog::Purpose;
 use super::super::files::Job;
 use super::super::open_figure::OpenFigure;
 use super::super::painter::Stage;
+use super::super::panels::properties::shorter;
 use super::super::panels::start_page;
 use super::super::ui_command::UiCommand;
 use super::super::viewport::{marked, structures_at, why_marked};
@@ -124,7 +125,8 @@ impl Editor {
             UiCommand::QualityFinal => quality == Some(QualityName::Final),
             UiCommand::History => self.layout.shows_history,
             UiCommand::Slices => self.layout.shows_slices,
-            _ => false,
+            UiCommand::Erase => self.tools.settings.erases,
+            command => self.open.is_some() && self.tools.active().command() == command,
         }
     }
 
@@ -135,6 +137,11 @@ impl Editor {
             (UiCommand::Redo, Some(d)) => d.redo_label(),
             _ => None,
         };
+        if let (UiCommand::GrowSelection | UiCommand::ShrinkSelection | UiCommand::SmoothSelection, Some(open)) =
+            (command, &self.open)
+        {
+            return format!("{} by {} mm", command.text(), shorter(self.tools.settings.refine_mm(open)));
+        }
         match step {
             Some(step) => format!("{}: {step}", command.text()),
             None => command.text().to_owned(),
@@ -158,8 +165,9 @@ impl Editor {
                     });
                     ui.separator();
                 }
+                let hint = self.tools.hint().or(self.slices.hint()).unwrap_or(self.viewport.hint);
                 if !self.notice.is_fresh(ui.ctx()) && ui.ctx().content_rect().width() > WIDE {
-                    ui.label(theme::small(ui.ctx(), self.slices.hint().unwrap_or(self.viewport.hint)));
+                    ui.label(theme::small(ui.ctx(), hint));
                 }
             }
             if self.notice.is_fresh(ui.ctx()) {
@@ -236,6 +244,10 @@ impl Editor {
         if let Some((job, ..)) = &self.selecting {
             let (title, progress) = (job.title.clone(), job.progress.clone());
             Panel::top("selecting").frame(frame).show(ui, |ui| progress_row(ui, &title, &progress));
+        }
+        if let Some((title, progress)) = self.tools.progress() {
+            let (title, progress) = (title.to_owned(), progress.clone());
+            Panel::top("refining").frame(frame).show(ui, |ui| progress_row(ui, &title, &progress));
         }
         if let Some((job, ..)) = &self.filling {
             let (title, progress) = (job.title.clone(), job.progress.clone());

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use eframe::egui::{self, Context, ViewportCommand};
+use fabrica_engine::Progress;
 use fabrica_engine::slice::anatomical::Convention;
 use fabrica_engine::styles::StyleLibrary;
 use glam::DVec3;
@@ -14,12 +15,13 @@ use super::super::file_dialog::{FileDialog, Purpose};
 use super::super::open_figure::OpenFigure;
 use super::super::panels::curve;
 use super::super::session::Settings;
+use super::super::tools::Tool;
 use super::super::ui_command::UiCommand;
 use super::super::{files, view, wording};
 use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
 use crate::figure::template::{CameraTemplate, QualityName};
-use crate::figure::{Command, Document, Template, framing};
+use crate::figure::{Command, Document, Template, bridge, framing};
 
 impl Editor {
     /// Why a command cannot be run just now; `None` if it can.
@@ -52,6 +54,10 @@ impl Editor {
             }
             UiCommand::AddSelections if self.open.as_ref().is_some_and(|o| o.chosen_volume().is_none()) => {
                 Some("The object has no volume")
+            }
+            c if c.menu() == "Selection" && self.tools.progress().is_some() => Some("Another edit is under way"),
+            c if c.menu() == "Selection" && self.open.as_ref().is_some_and(|o| self.tools.target(o).is_none()) => {
+                Some("Paint a selection first (B), or choose a painted one")
             }
             UiCommand::ReplaceVolume | UiCommand::ReadOtherwise
                 if document.is_some_and(|d| d.figure().volumes.is_empty()) =>
@@ -146,6 +152,27 @@ impl Editor {
                 };
             }
             C::SliceWindow => self.slices.reset_window(),
+            C::SelectTool | C::BrushTool | C::LassoTool | C::RectangleTool | C::GrowTool => {
+                if let Some(tool) = Tool::ALL.into_iter().find(|tool| tool.command() == command) {
+                    self.tools.take(tool, self.open.as_mut());
+                }
+            }
+            C::Erase => self.tools.settings.erases = !self.tools.settings.erases,
+            C::SmallerBrush | C::LargerBrush => {
+                if let Some(open) = &self.open {
+                    self.tools.scale_radius(open, if command == C::LargerBrush { 1.1 } else { 1.0 / 1.1 });
+                }
+            }
+            C::GrowSelection
+            | C::ShrinkSelection
+            | C::SmoothSelection
+            | C::FillHoles
+            | C::KeepLargest
+            | C::InvertSelection => {
+                if let Some(open) = &self.open {
+                    self.tools.refine(ctx, command, open);
+                }
+            }
             C::HistogramScale => self.layout.function.logarithmic = !self.layout.function.logarithmic,
             C::Rename => {
                 self.layout.hides_panels = false;
@@ -326,8 +353,11 @@ impl Editor {
 fn fitted(open: &mut OpenFigure, styles: &StyleLibrary) -> CameraTemplate {
     let scene = open.scene(styles);
     let figure = open.document.figure();
-    match scene.as_ref().and_then(|scene| scene.objects.first()) {
-        Some(object) => framing::fit(&figure.camera, &figure.figure, object),
+    let sources = open.sources();
+    let reference =
+        sources.and_then(|sources| bridge::reference(figure, &sources, styles, &Progress::new()).ok().flatten());
+    match scene.as_ref().and_then(|scene| scene.objects.first()).zip(reference) {
+        Some((object, reference)) => framing::fit(&figure.camera, &figure.figure, object, &reference),
         None => view::fit(&figure.camera),
     }
 }

@@ -33,6 +33,7 @@ use super::session::{Recent, Session, Settings};
 use super::slices::SliceViews;
 use super::theme;
 use super::timings::Timings;
+use super::tools::{self, Tools, View};
 use super::ui_command::UiCommand;
 use super::viewport::Viewport;
 use super::volume_choice::VolumeChoice;
@@ -98,6 +99,7 @@ pub struct Editor {
     autosave: Option<Autosave>,
     viewport: Viewport,
     slices: SliceViews,
+    tools: Tools,
     layout: Layout,
     loading: Option<Job<Opened>>,
     /// A volume on its way into a slot; whether that is an edit, or only brings what the figure names.
@@ -150,6 +152,7 @@ impl Editor {
             autosave: None,
             viewport: Viewport::default(),
             slices: SliceViews::new(side_of(&settings)),
+            tools: Tools::default(),
             layout: Layout {
                 shows_slices: settings.slices,
                 is_neurological: settings.neurological,
@@ -187,7 +190,8 @@ impl Editor {
             || self.selecting.is_some()
             || self.filling.is_some()
             || self.searching.is_some()
-            || self.asking.is_some();
+            || self.asking.is_some()
+            || self.tools.is_busy();
         let drawn = matches!(self.viewport.picture.stage, Some(Stage::Refined { .. } | Stage::Failed | Stage::Stopped));
         waits || self.open.as_ref().is_some_and(|open| open.missing().is_none() && !drawn)
     }
@@ -205,6 +209,11 @@ impl Editor {
     /// The slices beside the figure, if they are shown.
     pub fn slices(&self) -> Option<&SliceViews> {
         self.layout.shows_slices.then_some(&self.slices)
+    }
+
+    /// The tools, and which of them is in the hand.
+    pub fn tools(&self) -> &Tools {
+        &self.tools
     }
 
     /// The thread that draws.
@@ -333,7 +342,9 @@ impl Editor {
             open.document.abort();
             under_way
         });
+        let unfinished = self.tools.abort();
         if !gesture
+            && !unfinished
             && !self.slices.abort()
             && !self.viewport.dismiss()
             && self.dialog.is_none()
@@ -363,8 +374,22 @@ impl Editor {
         let ctx = ui.ctx().clone();
         let frame = theme::panel_frame(&ctx);
         let mut wanted = None;
+        let mut pressed = None;
         let shown = !self.layout.hides_panels;
+        self.tools.poll(open);
         if shown {
+            let bar = frame.inner_margin(egui::Margin::symmetric(12, 3));
+            Panel::top("options").frame(bar).exact_size(38.0).show(ui, |ui| {
+                egui::ScrollArea::horizontal().id_salt("options").show(ui, |ui| {
+                    ui.horizontal_centered(|ui| {
+                        tools::bar::options(ui, self.tools.active(), &mut self.tools.settings, open)
+                    });
+                });
+            });
+            let strip = frame.inner_margin(egui::Margin::same(5));
+            Panel::left("tools").frame(strip).exact_size(46.0).resizable(false).show(ui, |ui| {
+                pressed = tools::bar::strip(ui, self.tools.active());
+            });
             Panel::right("right")
                 .frame(frame)
                 .default_size(290.0)
@@ -397,7 +422,12 @@ impl Editor {
                     });
                 });
         }
+        // Panels may have gone back in time.
+        open.follow_voxels();
+        (self.viewport.is_tools, self.slices.is_tools) = (self.tools.takes_primary(), self.tools.takes_primary());
+        self.slices.takes_wheel = self.tools.takes_wheel();
         CentralPanel::default().frame(canvas).show(ui, |ui| {
+            let mut slice = None;
             if self.layout.shows_slices {
                 let place = self.slices.show(ui, open);
                 self.viewport.marker_mm = self.slices.crosshair_mm();
@@ -412,12 +442,21 @@ impl Editor {
                 if let Some(under) = self.slices.under() {
                     self.layout.function.marked = Some(under.value).filter(|value| value.is_finite());
                 }
+                slice = self.slices.aimed().map(|(orientation, geometry)| View::Slice(orientation, geometry));
             } else {
                 self.viewport.marker_mm = None;
                 self.viewport.show(ui, open, &self.gallery, &mut self.layout.function, &self.painter);
                 self.viewport.take_asked();
             }
+            let aimed = slice.or_else(|| self.viewport.aimed().map(View::Figure));
+            self.tools.follow(ui, open, aimed);
         });
+        if let Some(said) = self.tools.take_said() {
+            self.notice = Notice::now(said);
+        }
+        if let Some(command) = pressed {
+            self.run(&ctx, command);
+        }
         let neurological = self.slices.convention == Convention::Neurological;
         if neurological != self.layout.is_neurological {
             self.layout.is_neurological = neurological;
@@ -433,7 +472,7 @@ impl Editor {
     /// The window is going: writes what is to be written.
     pub fn leave(&mut self) {
         if let Some(timings) = self.timings.take()
-            && let Err(error) = timings.write(&self.viewport.picture.coarse_ms)
+            && let Err(error) = timings.write(&self.viewport.picture.coarse_ms, self.tools.dab_ms())
         {
             eprintln!("error: {error:#}");
         }

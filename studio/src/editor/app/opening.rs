@@ -157,10 +157,12 @@ impl Editor {
             }
             self.viewport.picture.ask_again();
         }
-        let Some(open) = self.open.as_ref().filter(|_| self.selecting.is_none()) else { return };
+        let Some(open) = self.open.as_mut().filter(|_| self.selecting.is_none()) else { return };
+        open.follow_voxels();
         let Some((slot, volume)) = open.missing_selections() else { return };
         let (theirs, of, folder) = (slot.clone(), volume.clone(), open.folder().to_owned());
-        let job = Job::start(slot.file.clone(), waker(ctx), move |p| files::load_selections(&theirs, &folder, &of, p));
+        let job =
+            Job::start(slot.title().to_owned(), waker(ctx), move |p| files::load_selections(&theirs, &folder, &of, p));
         self.selecting = Some((job, slot, volume, None));
     }
 
@@ -184,8 +186,9 @@ impl Editor {
         let region = first_look::of_selections(&name, &volume);
         let edit = Command::AddSelections { object: open.object, slot: slot.clone(), region };
         let (theirs, of, folder) = (slot.clone(), volume.clone(), open.folder().to_owned());
-        let job =
-            Job::start(slot.file.clone(), waker(ctx), move |p| sources::load_selections(&theirs, &folder, &of, p));
+        let job = Job::start(slot.title().to_owned(), waker(ctx), move |p| {
+            sources::load_selections(&theirs, &folder, &of, p)
+        });
         self.selecting = Some((job, slot, volume, Some(edit)));
     }
 
@@ -292,6 +295,7 @@ impl Editor {
         self.viewport.picture.clear();
         self.viewport.dismiss();
         self.slices.forget_figure();
+        self.tools.forget_figure();
         self.layout.function.forget_figure();
         self.layout.renaming = None;
     }

@@ -3,6 +3,7 @@
 //!
 //! The crosshair is on the middle of a voxel, so that each slice shows a layer of voxels as the scanner took it.
 
+pub mod overlay;
 pub mod pane;
 pub mod window;
 
@@ -15,7 +16,7 @@ use fabrica_engine::spaces::Grid;
 use fabrica_engine::volume::Volume;
 use glam::DVec3;
 
-use self::pane::{Aim, Drag, Pane};
+use self::pane::{Aim, Drag, Geometry, Pane};
 use super::open_figure::OpenFigure;
 use super::panels::properties::parse_number;
 use super::theme;
@@ -41,6 +42,12 @@ pub struct SliceViews {
     under: Option<Under>,
     /// What the hand can do here, while the pointer is on a slice.
     hint: Option<&'static str>,
+    /// Whether the primary button is a tool's.
+    pub is_tools: bool,
+    /// Whether the wheel is a tool's.
+    pub takes_wheel: bool,
+    /// The slice on which a tool would be pressed just now.
+    aimed: Option<usize>,
 }
 
 /// A volume and the place that is looked at.
@@ -76,7 +83,7 @@ impl SliceViews {
     pub fn hide(&mut self) {
         self.abort();
         self.panes.iter_mut().for_each(Pane::forget_picture);
-        (self.under, self.hint) = (None, None);
+        (self.under, self.hint, self.aimed) = (None, None, None);
     }
 
     /// What the pointer is on in a slice.
@@ -112,6 +119,18 @@ impl SliceViews {
     /// shown last.
     pub fn aim(&self, at: Pos2) -> Option<Aim> {
         self.panes.iter().find_map(|pane| pane.aim(at))
+    }
+
+    /// Which slice the primary button would be pressed on for a tool, and how it lies on the screen; none where something else is
+    /// under the pointer.
+    pub fn aimed(&self) -> Option<(Orientation, Geometry)> {
+        self.panes[self.aimed?].shown().copied()
+    }
+
+    /// How the slice of an orientation lies on the screen; none before it was shown.
+    pub fn geometry(&self, orientation: Orientation) -> Option<Geometry> {
+        let shown = self.panes.iter().filter_map(Pane::shown);
+        shown.copied().find(|(shown, _)| *shown == orientation).map(|(_, geometry)| geometry)
     }
 
     /// Looks at a place; outside of the volume, at the voxel that is nearest to it.
@@ -184,9 +203,10 @@ impl SliceViews {
             Rect::from_min_max(Pos2::new(x[0], y[0]), Pos2::new(x[1], y[1]))
         };
         let places = [place(false, false), place(false, true), place(true, true)];
-        (self.under, self.hint) = (None, None);
+        (self.under, self.hint, self.aimed) = (None, None, None);
+        let overlays = self.subject.as_ref().map(|s| overlay::of(open, &s.volume)).unwrap_or_default();
         match self.subject.clone() {
-            Some(subject) => self.panes(ui, subject, places),
+            Some(subject) => self.panes(ui, subject, places, &overlays),
             None => {
                 for place in places {
                     ui.painter().rect_filled(place, 0.0, theme::tokens(ui.ctx()).canvas);
@@ -198,7 +218,7 @@ impl SliceViews {
         place(true, false)
     }
 
-    fn panes(&mut self, ui: &mut Ui, mut subject: Subject, places: [Rect; 3]) {
+    fn panes(&mut self, ui: &mut Ui, mut subject: Subject, places: [Rect; 3], overlays: &[overlay::Overlay]) {
         let frames = Orientation::ALL.map(|o| Frame::of(&subject.volume.grid, o, self.convention));
         let pictures = places.map(|place| pane::picture_in(place, ui.ctx().pixels_per_point()));
         let mm_per_point = pane::fitting(&subject.volume.grid, &frames, &pictures);
@@ -212,6 +232,9 @@ impl SliceViews {
                 is_labels: subject.is_labels,
                 fitting_mm_per_point: mm_per_point,
                 window,
+                overlays,
+                is_tools: self.is_tools,
+                takes_wheel: self.takes_wheel,
             };
             let builder = UiBuilder::new().id_salt(orientation.name()).max_rect(places[i]);
             let pane = &mut self.panes[i];
@@ -232,6 +255,9 @@ impl SliceViews {
                 (Some(drag), None) => self.gesture = Some((drag, i, before)),
                 (None, Some(_)) => self.gesture = None,
                 _ => {}
+            }
+            if done.is_aimed {
+                self.aimed = Some(i);
             }
             if done.is_hovered {
                 self.under = done.under;

@@ -16,6 +16,7 @@ use glam::DVec3;
 use super::super::panels::properties::{parse_number, shorter};
 use super::super::theme;
 use super::super::viewport::Under;
+use super::overlay::{self, Overlay};
 use super::{clamped, filter_for, window};
 
 /// What the hand can do on a slice, and while it does.
@@ -66,6 +67,11 @@ fn drag_of(button: PointerButton, modifiers: Modifiers, space: bool) -> Option<D
         (PointerButton::Middle, false) => Some(Drag::Pan),
         (PointerButton::Primary, false) => Some(if space || modifiers.shift { Drag::Pan } else { Drag::Crosshair }),
     }
+}
+
+/// Whether a button is a tool's while there is one: the primary one, unless it stands for another.
+pub fn is_tools(button: PointerButton, modifiers: Modifiers, space: bool) -> bool {
+    button == PointerButton::Primary && !space && !modifiers.command && !modifiers.ctrl
 }
 
 /// How a slice lies on the screen: from pointer positions to places in the body and back.
@@ -137,6 +143,12 @@ pub struct Context<'a> {
     pub fitting_mm_per_point: f64,
     /// Black and white.
     pub window: Window,
+    /// Selections that lie over it.
+    pub overlays: &'a [Overlay],
+    /// Whether the primary button is a tool's.
+    pub is_tools: bool,
+    /// Whether the wheel is, too.
+    pub takes_wheel: bool,
 }
 
 /// What came of the hand on a slice.
@@ -150,6 +162,8 @@ pub struct Done {
     pub drag: Option<Drag>,
     /// Whether the pointer is on it.
     pub is_hovered: bool,
+    /// Whether what the primary button does there is meant for a tool.
+    pub is_aimed: bool,
     /// What it is on.
     pub under: Option<Under>,
 }
@@ -173,6 +187,9 @@ struct Picture {
     plane: Plane,
     filter: Filter,
     window: Window,
+    /// Its pixels without what lies over them.
+    plain: Vec<[u8; 4]>,
+    overlays: Vec<Overlay>,
 }
 
 /// Where a slice's picture is in its place: below the head, on whole pixels.
@@ -242,6 +259,11 @@ impl Pane {
         })
     }
 
+    /// How it lies on the screen, as it was shown last.
+    pub fn shown(&self) -> Option<&(Orientation, Geometry)> {
+        self.shown.as_ref()
+    }
+
     /// The slice in its place; `under_way` is the drag that it is in.
     pub fn show(
         &mut self,
@@ -277,6 +299,10 @@ impl Pane {
         let geometry = self.geometry(context, rect, frame, now);
         self.shown = Some((context.orientation, geometry));
         done.is_hovered = response.contains_pointer() || done.drag.is_some();
+        done.is_aimed = response.contains_pointer() && done.drag.is_none();
+        if context.is_tools && response.clicked() {
+            response.request_focus();
+        }
         let at = ui.input(|i| i.pointer.latest_pos()).filter(|at| rect.contains(*at) && done.is_hovered);
         done.under = at.and_then(|at| under(context, &geometry, at));
         let window = done.window.map_or(context.window, |w| w.unwrap_or_else(|| window::of_volume(context.volume)));
@@ -302,6 +328,7 @@ impl Pane {
         let any_down = ui.input(|i| i.pointer.any_down());
         if done.drag.is_none() && response.is_pointer_button_down_on() {
             let pressed = buttons.into_iter().find(|b| ui.input(|i| i.pointer.button_pressed(*b)));
+            let pressed = pressed.filter(|button| !(context.is_tools && is_tools(*button, modifiers, space)));
             done.drag = pressed.and_then(|button| drag_of(button, modifiers, space));
             self.last = ui.input(|i| i.pointer.press_origin());
             if done.drag.is_some() {
@@ -350,17 +377,20 @@ impl Pane {
         crosshair_mm: DVec3,
         done: &mut Done,
     ) {
-        let double = [PointerButton::Primary, PointerButton::Secondary];
-        if double.into_iter().any(|button| response.double_clicked_by(button)) {
+        let double = [PointerButton::Secondary, PointerButton::Primary];
+        let double = &double[..if context.is_tools { 1 } else { 2 }];
+        if double.iter().any(|button| response.double_clicked_by(*button)) {
             done.window = Some(None);
         }
         let Some(at) = response.hover_pos() else { return };
         ui.ctx().set_cursor_icon(CursorIcon::Crosshair);
         // Pressed and let go within a frame it is no drag.
-        if response.clicked() && ui.input(|i| i.modifiers.is_none()) {
+        if response.clicked() && !context.is_tools && ui.input(|i| i.modifiers.is_none()) {
             done.crosshair_mm = Some(self.on_slice(context, geometry, at));
         }
-        if ui.input(|i| i.modifiers.shift_only() && i.pointer.is_moving()) {
+        if ui
+            .input(|i| i.modifiers.shift_only() && i.pointer.is_moving() && !(context.is_tools && i.pointer.any_down()))
+        {
             done.crosshair_mm = Some(self.on_slice(context, geometry, at));
         }
         let (turned, zoomed) = ui.input(|i| {
@@ -375,7 +405,7 @@ impl Pane {
             });
             (notches.sum::<f32>(), f64::from(i.zoom_delta()))
         });
-        self.notches += turned;
+        self.notches += if context.takes_wheel { 0.0 } else { turned };
         let slices = self.notches.trunc();
         self.notches -= slices;
         if slices != 0.0 {
@@ -506,24 +536,30 @@ impl Pane {
         let plane = geometry.plane(ui.ctx().pixels_per_point());
         let filter = filter_for(context.is_labels, slice::pixels_per_voxel(&context.volume.grid, &plane));
         let (volume, window) = (context.volume, context.window);
-        let is_drawn = self.picture.as_ref().is_some_and(|drawn| {
+        let is_plain_same = self.picture.as_ref().is_some_and(|drawn| {
             let same_look = drawn.plane == plane && drawn.filter == filter && drawn.window == window;
             same_look && Arc::ptr_eq(&drawn.volume, volume)
         });
-        if is_drawn {
+        if is_plain_same && self.picture.as_ref().is_some_and(|drawn| drawn.overlays == context.overlays) {
             return;
         }
-        // What is to be seen over it (selections: `slice::lay_over`) is laid over these pixels.
-        let pixels = slice::draw(volume, &plane, filter, window);
+        let drawn = self.picture.take();
+        let (texture, plain) = match drawn {
+            Some(drawn) if is_plain_same => (Some(drawn.texture), drawn.plain),
+            drawn => (drawn.map(|drawn| drawn.texture), slice::draw(volume, &plane, filter, window)),
+        };
+        let mut pixels = plain.clone();
+        overlay::lay(&mut pixels, &plane, context.overlays);
         let image = ColorImage::from_rgba_unmultiplied(plane.size, pixels.as_flattened());
-        let texture = match self.picture.take() {
-            Some(Picture { mut texture, .. }) => {
+        let texture = match texture {
+            Some(mut texture) => {
                 texture.set(image, TextureOptions::NEAREST);
                 texture
             }
             None => ui.ctx().load_texture(context.orientation.name(), image, TextureOptions::NEAREST),
         };
-        self.picture = Some(Picture { texture, volume: volume.clone(), plane, filter, window });
+        let overlays = context.overlays.to_vec();
+        self.picture = Some(Picture { texture, volume: volume.clone(), plane, filter, window, plain, overlays });
     }
 }
 

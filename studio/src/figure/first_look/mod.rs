@@ -525,12 +525,12 @@ mod tests {
             let figure = look_of(&volume);
             let lost = CameraTemplate { height: 0.3, target: [0.5, -1.0, 0.2], ..figure.camera.clone() };
             let object = scene_of(&figure, &volume).objects.remove(0);
-            let found = framing::fit(&lost, &figure.figure, &object);
+            let found = framing::fit(&lost, &figure.figure, &object, &object);
             let apart = DVec3::from_array(found.target).distance(DVec3::from_array(figure.camera.target));
             assert!((found.height - figure.camera.height).abs() < 0.01 && apart < 0.01, "{found:?}");
             // From far away, parallel lines frame a little less.
             let parallel = CameraTemplate { projection: ProjectionName::Orthographic, ..lost };
-            let parallel = framing::fit(&parallel, &figure.figure, &object);
+            let parallel = framing::fit(&parallel, &figure.figure, &object, &object);
             assert!((0.7..1.0).contains(&(parallel.height / found.height)), "{parallel:?}");
         }
     }

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{ObjectTemplate, Template, TransferFunctionTemplate};
+use super::{ObjectTemplate, SelectionVoxels, Template, TransferFunctionTemplate};
 
 /// A place for selections: a label map, or other selections of a volume's voxels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -17,12 +17,16 @@ pub struct SelectionSlot {
     pub volume: String,
     /// A label map (a file or folder, relative to the template; "specimen:…" for that specimen's own), or selections that
     /// `fabrica select` wrote.
-    pub file: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// A single structure, called as the slot, that was painted: in place of a file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub voxels: Option<SelectionVoxels>,
     /// Names and colors for its numbers, where the label map has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub table: Option<String>,
     /// Standard deviation, in voxels, of the Gaussian that smooths the borders of its structures, all of them together; 0 leaves
-    /// them as they are, up to 4. Default: 1 for selections of whole voxels, as label maps are, else 0.
+    /// them as they are, up to 4. Default: 1 for selections of whole voxels, as label maps are, else 0, as for what was painted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub smooth_voxels: Option<f64>,
     /// Fields of other versions, kept as they are.
@@ -144,18 +148,30 @@ impl SelectionSlot {
     /// The slot `name` for what a file has of a volume's voxels.
     pub fn new(name: &str, volume: &str, file: String) -> Self {
         let (name, volume) = (name.to_owned(), volume.to_owned());
-        Self { name, volume, file, table: None, smooth_voxels: None, extra: Map::new() }
+        Self { name, volume, file: Some(file), voxels: None, table: None, smooth_voxels: None, extra: Map::new() }
+    }
+
+    /// The slot `name` for what is painted of a volume's voxels.
+    pub fn painted(name: &str, volume: &str, voxels: SelectionVoxels) -> Self {
+        Self { file: None, voxels: Some(voxels), ..Self::new(name, volume, String::new()) }
+    }
+
+    /// What it is read from, for whoever waits.
+    pub fn title(&self) -> &str {
+        self.file.as_deref().unwrap_or(&self.name)
     }
 
     /// Whether the same voxels are read, whatever the slot is called.
     pub fn reads_same(&self, other: &Self) -> bool {
+        // What was painted is called as its slot.
+        let is_alike = self.voxels.is_none() || self.name == other.name;
         let read = |s: &Self| Self { name: String::new(), extra: Map::new(), ..s.clone() };
-        read(self) == read(other)
+        is_alike && read(self) == read(other)
     }
 
     /// Names of files in it.
     pub fn files_mut(&mut self) -> impl Iterator<Item = &mut String> {
-        std::iter::once(&mut self.file).chain(self.table.as_mut())
+        self.file.as_mut().into_iter().chain(self.table.as_mut())
     }
 }
 
@@ -229,6 +245,11 @@ pub(super) fn check(template: &Template) -> Result<()> {
         }
         if let Some(sigma) = slot.smooth_voxels.filter(|s| !(0.0..=MOST_SIGMA).contains(s)) {
             bail!("the selections \"{}\" are smoothed by {sigma} voxels; choose 0 to {MOST_SIGMA}", slot.name);
+        }
+        if slot.file.is_some() == slot.voxels.is_some() {
+            let has =
+                if slot.file.is_some() { "a file and painted voxels" } else { "neither a file nor painted voxels" };
+            bail!("the selections \"{}\" have {has}; give one of the two", slot.name);
         }
         if template.selections[..i].iter().any(|s| s.name == slot.name) {
             bail!("two places for selections are called \"{}\"; give each its own name", slot.name);
