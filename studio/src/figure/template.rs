@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-pub use region::{LookTemplate, RegionTemplate, RestTemplate, SelectionSlot, StructureTemplate, Tint};
+pub use region::{LookTemplate, RegionTemplate, RestTemplate, SelectionSlot, StructureTemplate, Tint, is_called};
 
 /// The version that this program writes.
 pub const VERSION: u32 = 1;

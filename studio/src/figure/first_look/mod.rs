@@ -400,6 +400,7 @@ mod tests {
     use glam::DAffine3;
 
     use super::*;
+    use crate::figure::sources::Sources;
 
     fn look_of(volume: &Arc<Volume>) -> Template {
         let template = first_look(volume, VolumeSlot::new(SLOT, "a \"b\".nii".to_owned()), &Progress::new()).unwrap();
