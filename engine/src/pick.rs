@@ -6,7 +6,7 @@
 //! most. Theirs cuts the ray at every minimum of its slope; here a minimum counts from a depth of one half on, as the noise
 //! of a scan would else cut a thick translucent body into slices.
 
-use std::cell::OnceCell;
+use std::cell::{OnceCell, RefCell};
 use std::ops::Range;
 
 use glam::{DMat3, DVec3, DVec4};
@@ -15,11 +15,13 @@ use crate::reference::color::{Jacobian, premultiplied};
 use crate::reference::opacity::opacity_correct;
 use crate::reference::piece::classify_piece;
 use crate::reference::ray::{Ray, ray_from_pixel, samples};
+use crate::reference::region::{end_face, joined, where_flat};
 use crate::reference::sample::{Quantity, central_differences, trilinear};
 use crate::reference::style::{
     Face, RayFrame, at_node, face_normal, ray_frame, shade, steepness, style_level, style_normal,
 };
-use crate::scene::{Object, Scene};
+use crate::scene::{Object, Scene, StyleTransferFunction};
+use crate::volume::bricks::BRICK;
 
 /// What a pixel shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,8 +34,10 @@ pub struct Pick {
     pub gradient: f64,
     /// How much of the pixel it is, from 0 to 1: the jump of the ray's opacity.
     pub opacity: f64,
-    /// Node coordinate of the transfer function: i + w is w of the way from node i to node i + 1.
+    /// Node coordinate of the transfer function that is seen there: i + w is w of the way from node i to node i + 1.
     pub node: f64,
+    /// The region of the object that shows most of the jump; none: what belongs to no region.
+    pub region: Option<usize>,
 }
 
 /// Length of a piece of the ray, in voxels.
@@ -53,6 +57,9 @@ const DIP: f64 = 0.5;
 /// scene's first object; `None` where it shows nothing or is not in the picture, and for a scene that
 /// [`Scene::validate`] refuses.
 ///
+/// Regions count as in pictures (docs/rendering.md §8): with their shares of each place, so that a hidden one is looked through.
+/// Of a jump that several of them make, the answer is about the one that shows most of it.
+///
 /// It reads the voxels near the ray only. Opacities are those of the picture, both ends of a piece and the style's own
 /// included; normals are of data smoothed by σ_g, by quadrature at the place itself. G (and, beside wide gaps, the range of the data) comes from the volume,
 /// which finds it once; a volume that was drawn has it.
@@ -69,15 +76,29 @@ pub fn pick(scene: &Scene, image_size: [u32; 2], x: u32, y: u32) -> Option<Pick>
     if opacity < LEAST_OPACITY {
         return None;
     }
-    let best = seen[jump].iter().max_by(|a, b| a.opacity.total_cmp(&b.opacity))?;
-    let (gradient, face) = line.gradient(best.t);
+    let shown: Vec<&Shown> = seen[jump].iter().flat_map(|s| &s.shown).collect();
+    let region = most_shown(&shown)?;
+    let best = shown.iter().filter(|s| s.region == region).max_by(|a, b| a.opacity.total_cmp(&b.opacity))?;
     Some(Pick {
         position_mm: line.ray.origin_mm + best.t * line.ray.direction,
         value: line.field.value(line.at(best.t)),
-        gradient: steepness(gradient, face).min(1.0),
+        gradient: best.steepness.min(1.0),
         opacity,
         node: best.node,
+        region,
     })
+}
+
+/// Which region shows most of a stretch, in all; none of nothing.
+fn most_shown(shown: &[&Shown]) -> Option<Option<usize>> {
+    let mut sums: Vec<(Option<usize>, f64)> = Vec::new();
+    for part in shown {
+        match sums.iter_mut().find(|(region, _)| *region == part.region) {
+            Some((_, sum)) => *sum += part.opacity,
+            None => sums.push((part.region, part.opacity)),
+        }
+    }
+    sums.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(region, _)| region)
 }
 
 /// The stretch of a ray over which its opacity rises most, in a row of what each piece adds to it. Stretches are parted at
@@ -108,12 +129,36 @@ fn largest_jump(opacities: &[f64]) -> Range<usize> {
 }
 
 /// What a piece of the ray adds to the pixel.
+#[derive(Default)]
 struct Seen {
+    /// Opacity, as far as what lies before it lets it through.
+    opacity: f64,
+    /// What it consists of.
+    shown: Vec<Shown>,
+}
+
+/// What one region, or the background, shows of a piece.
+struct Shown {
+    region: Option<usize>,
     /// Where it is seen, mm along the ray.
     t: f64,
-    /// Node coordinate.
+    /// Node coordinate of its transfer function.
     node: f64,
-    /// Opacity, as far as what lies before it lets it through.
+    /// ‖ĝ‖ there, or what a face makes of it.
+    steepness: f64,
+    /// Its part of the piece's opacity.
+    opacity: f64,
+}
+
+/// A look at a piece of the ray, and what it would show of it if all of the place were its own.
+struct Classed {
+    region: Option<usize>,
+    /// w: its share of the place.
+    share: f64,
+    /// Where it is seen, mm along the ray.
+    t: f64,
+    node: f64,
+    /// α_u of one of its reference lengths.
     opacity: f64,
 }
 
@@ -195,6 +240,9 @@ fn smoothed<T: Quantity>(field: impl Fn(DVec3) -> T, p: DVec3, sigma: DVec3) -> 
     sum
 }
 
+/// Bricks around a place, first and last along each axis, and the regions that have voxels in them.
+type Nearby = ([[usize; 2]; 3], Vec<usize>);
+
 /// One ray through an object.
 struct Line<'a> {
     scene: &'a Scene,
@@ -205,6 +253,10 @@ struct Line<'a> {
     /// The ray in index space.
     origin: DVec3,
     direction: DVec3,
+    /// d₀ of the object, mm.
+    reference_length_mm: f64,
+    /// What was last asked for: successive places are in the same bricks.
+    nearby: RefCell<Nearby>,
 }
 
 impl<'a> Line<'a> {
@@ -218,6 +270,8 @@ impl<'a> Line<'a> {
             frame: ray_frame(&scene.camera, ray.direction),
             origin: index_from_world.transform_point3(ray.origin_mm),
             direction: index_from_world.matrix3 * ray.direction,
+            reference_length_mm: object.reference_length_mm(),
+            nearby: RefCell::new(([[usize::MAX; 2]; 3], Vec::new())),
         }
     }
 
@@ -226,18 +280,60 @@ impl<'a> Line<'a> {
         self.origin + t * self.direction
     }
 
-    /// ĝ at `t`, and the volume's face there.
-    fn gradient(&self, t: f64) -> (DVec3, Face) {
+    /// ĝ at `t`.
+    fn gradient(&self, t: f64) -> DVec3 {
         let volume = &self.field.object.volume;
         let to_world = volume.grid.world_gradient_from_index();
         let sigma = DVec3::splat(self.field.object.gradient_scale_mm) / volume.grid.spacing_mm();
-        let g = self.field.gradient(self.at(t), sigma, to_world);
-        (g / volume.gradient_max(), face_normal(&volume.grid, self.at(t)))
+        self.field.gradient(self.at(t), sigma, to_world) / volume.gradient_max()
+    }
+
+    /// The transfer function and the factor of opacity of a region or, for none, of the background.
+    fn look(&self, region: Option<usize>) -> (&'a StyleTransferFunction, f64) {
+        let object = self.field.object;
+        match region {
+            None => (&object.transfer_function, 1.0),
+            Some(i) => (&object.regions[i].transfer_function, object.regions[i].opacity),
+        }
+    }
+
+    /// How the index position `p` is shared out: the background first, and every region that has voxels within one and a half
+    /// voxels around, in the object's order.
+    fn shares(&self, p: DVec3) -> Vec<(Option<usize>, f64)> {
+        let object = self.field.object;
+        if object.regions.is_empty() {
+            return vec![(None, 1.0)];
+        }
+        let dims = object.volume.grid.dims();
+        let around = std::array::from_fn(|axis| {
+            let voxel = |x: f64| (x.max(0.0) as usize).min(dims[axis] - 1);
+            [voxel(p[axis] - 1.0) / BRICK, voxel(p[axis] + 2.0) / BRICK]
+        });
+        let mut nearby = self.nearby.borrow_mut();
+        if nearby.0 != around {
+            let [xs, ys, zs] = around.map(|[first, last]| first..=last);
+            let places: Vec<[usize; 3]> = zs
+                .flat_map(|z| ys.clone().map(move |y| (y, z)))
+                .flat_map(|(y, z)| xs.clone().map(move |x| [x, y, z]))
+                .collect();
+            let has_voxels = |i: &usize| {
+                let selection = &object.regions[*i].selection;
+                places.iter().any(|place| !selection.brick(*place).is_empty())
+            };
+            *nearby = (around, (0..object.regions.len()).filter(has_voxels).collect());
+        }
+        let membership = |i: &usize| {
+            let selection = &object.regions[*i].selection;
+            trilinear(dims, p, |x, y, z| f64::from(selection.get([x, y, z])) / 255.0)
+        };
+        let wanted: Vec<f64> = nearby.1.iter().map(membership).collect();
+        let sum: f64 = wanted.iter().sum();
+        let regions = nearby.1.iter().zip(&wanted).map(|(i, f)| (Some(*i), f / sum.max(1.0)));
+        std::iter::once((None, (1.0 - sum).max(0.0))).chain(regions).collect()
     }
 
     /// What every piece of the ray adds, front to back, until nothing shows through.
     fn march(&self) -> Vec<Seen> {
-        let function = &self.field.object.transfer_function;
         let mut seen = Vec::new();
         let Some(pieces) = samples(&self.ray, &self.field.object.volume.grid, STEP_VOXELS) else { return seen };
         let mut clear = 1.0;
@@ -245,16 +341,15 @@ impl<'a> Line<'a> {
         for k in 0..pieces.count {
             let (start, end) = pieces.piece(k);
             let back = self.field.value(self.at(end));
-            let mut piece = Seen { t: start, node: 0.0, opacity: 0.0 };
-            // The quadrature is for what shows something.
-            if function.max_opacity(front.min(back), front.max(back)) > 0.0 {
-                let lengths = (end - start) / function.reference_length_mm;
-                let found = classify_piece(function, front, back, lengths);
-                piece.t = start + found.middle * (end - start);
-                piece.node = found.node;
-                piece.opacity = clear * self.opacity(piece.t, found.node, -(-found.extinction).exp_m1(), lengths);
-                clear -= piece.opacity;
-            }
+            let classed: Vec<Classed> = self
+                .shares(self.at(0.5 * (start + end)))
+                .into_iter()
+                .map(|(region, share)| self.classify(region, share, [start, end], [front, back]))
+                .collect();
+            let mut piece = self.see(&classed, [start, end]);
+            piece.opacity *= clear;
+            piece.shown.iter_mut().for_each(|s| s.opacity *= clear);
+            clear -= piece.opacity;
             seen.push(piece);
             if clear < SPENT {
                 break;
@@ -264,19 +359,66 @@ impl<'a> Line<'a> {
         seen
     }
 
-    /// α' of a stretch of `lengths` reference lengths that is seen at `t`, with the node coordinate `node` and α_u
-    /// `opacity`.
-    fn opacity(&self, t: f64, node: f64, opacity: f64, lengths: f64) -> f64 {
+    /// What a look makes of the piece between two places (mm) with two values.
+    fn classify(&self, region: Option<usize>, share: f64, ends: [f64; 2], values: [f64; 2]) -> Classed {
+        let ([start, end], [front, back]) = (ends, values);
+        let (function, factor) = self.look(region);
+        // The quadrature is for what shows something.
+        if factor * function.max_opacity(front.min(back), front.max(back)) <= 0.0 {
+            return Classed { region, share, t: start, node: 0.0, opacity: 0.0 };
+        }
+        let found = classify_piece(function, front, back, (end - start) / function.reference_length_mm);
+        let opacity = -(-found.extinction).exp_m1();
+        Classed { region, share, t: start + found.middle * (end - start), node: found.node, opacity }
+    }
+
+    /// Opacities of a piece between two places (mm), whole and in its parts.
+    fn see(&self, classed: &[Classed], [start, end]: [f64; 2]) -> Seen {
+        if classed.iter().all(|c| c.share <= 0.0 || c.opacity <= 0.0) {
+            return Seen::default();
+        }
+        let mut cut = Face { normal: DVec3::ZERO, weight: 0.0 };
+        if classed.len() > 1 {
+            let middle = 0.5 * (start + end);
+            let shows = |region: Option<usize>| {
+                let found = classed.iter().find(|c| c.region == region);
+                found.map_or(0.0, |c| self.look(region).1 * c.opacity)
+            };
+            let shown = |p: DVec3| self.shares(p).iter().map(|(region, share)| share * shows(*region)).sum();
+            let to_world = self.field.object.volume.grid.world_gradient_from_index();
+            cut = end_face(shown, self.at(middle), to_world);
+            // What does not end here has no face whatever the gradient, which is long in the making.
+            if cut.weight > 0.0 {
+                cut = where_flat(cut, self.gradient(middle).length());
+            }
+        }
+        let parts = classed.iter().filter(|c| c.share > 0.0 && c.opacity > 0.0).map(|c| self.appearance(c, cut));
+        let mut seen = Seen { opacity: 0.0, shown: parts.collect() };
+        let alpha: f64 = seen.shown.iter().map(|s| s.opacity).sum();
+        seen.opacity = opacity_correct(alpha.min(1.0), (end - start) / self.reference_length_mm);
+        if alpha > 0.0 {
+            seen.shown.iter_mut().for_each(|s| s.opacity *= seen.opacity / alpha);
+        }
+        seen
+    }
+
+    /// A look's part, w α, of one reference length of the object.
+    fn appearance(&self, of: &Classed, cut: Face) -> Shown {
         let object = self.field.object;
         let camera = &self.scene.camera;
-        let class = at_node(&object.transfer_function, node, opacity);
-        let (gradient, face) = self.gradient(t);
+        let (function, factor) = self.look(of.region);
+        let class = at_node(function, of.node, of.opacity);
+        let (gradient, face) = (self.gradient(of.t), joined(face_normal(&object.volume.grid, self.at(of.t)), cut));
         let n_xy = style_normal(gradient, face, self.ray.direction, &self.frame);
-        let depth_mm = (self.ray.origin_mm + t * self.ray.direction - camera.eye_mm).dot(camera.forward);
+        let depth_mm = (self.ray.origin_mm + of.t * self.ray.direction - camera.eye_mm).dot(camera.forward);
         let spacing_mm = object.volume.grid.spacing_mm().min_element();
-        let level = style_level(camera, self.image_height, depth_mm, spacing_mm, steepness(gradient, face));
+        let steepness = steepness(gradient, face);
+        let level = style_level(camera, self.image_height, depth_mm, spacing_mm, steepness);
         let (_, alpha_d) = shade(&self.scene.styles, &class, n_xy, level);
-        opacity_correct(alpha_d * opacity * self.field.has_data(self.at(t)), lengths)
+        let alpha = factor * alpha_d * of.opacity * self.field.has_data(self.at(of.t));
+        let lengths = self.reference_length_mm / function.reference_length_mm;
+        let opacity = of.share * opacity_correct(alpha, lengths);
+        Shown { region: of.region, t: of.t, node: of.node, steepness, opacity }
     }
 }
 
@@ -290,7 +432,8 @@ mod tests {
     use crate::image_out::Picture;
     use crate::reference::Reference;
     use crate::reference::testing::{awkward_affines, looking_at, node, scene, sphere_style, volume};
-    use crate::scene::{Projection, TransferFunctionNode};
+    use crate::scene::{Projection, Region, TransferFunctionNode};
+    use crate::selection::{BrickPool, Selection};
     use crate::spaces::Grid;
     use crate::styles::{STYLE_SIZE, StyleImage, normal_from_uv};
     use crate::volume::{Rescale, Volume, Voxels};
@@ -500,5 +643,122 @@ mod tests {
         assert_eq!(largest_jump(&[0.1, 0.04, 0.2, 0.2]), 1..4);
         assert_eq!(largest_jump(&[0.1, 0.06, 0.2, 0.2]), 0..4);
         assert_eq!(largest_jump(&[0.06, 0.04, 0.2, 0.2]), 0..4);
+    }
+
+    /// A region of a 33³ volume whose memberships are a field's, with `nodes` as its look.
+    fn region(
+        name: &str,
+        drawn: &Scene,
+        nodes: Vec<TransferFunctionNode>,
+        membership: impl Fn([usize; 3]) -> u8 + Sync,
+    ) -> Region {
+        let grid = drawn.objects[0].volume.grid;
+        let mut selection = Selection::empty(grid, &Arc::new(BrickPool::default()));
+        selection.change(grid.dims().map(|n| [0, n]), |p, _| membership(p));
+        let transfer_function = StyleTransferFunction { nodes, reference_length_mm: 1.0 };
+        Region { name: name.to_owned(), selection, transfer_function, tint: None, opacity: 1.0 }
+    }
+
+    /// Opaque wherever it is.
+    fn opaque() -> Vec<TransferFunctionNode> {
+        vec![node(0.0, 0, 1.0)]
+    }
+
+    /// 33³ voxels of 1 mm and of one value, seen from the front, which show nothing but by regions.
+    fn plain(background: f64) -> Scene {
+        let camera = looking_at(CENTER - 100.0 * DVec3::Y, CENTER, ORTHO);
+        scene(volume([33; 3], DAffine3::IDENTITY, |_| 1.0), vec![node(0.0, 0, background)], vec![white()], camera)
+    }
+
+    #[test]
+    fn a_hidden_region_is_looked_through_and_a_shown_one_is_named() {
+        let mut drawn = plain(0.0);
+        // Two plates one behind the other: rows 5 to 9 and 20 to 24 along y.
+        for (name, rows) in [("front", 5..10), ("back", 20..25)] {
+            let plate = region(name, &drawn, opaque(), |[_, y, _]| if rows.contains(&y) { 255 } else { 0 });
+            drawn.objects[0].regions.push(plate);
+        }
+        let picked = pick(&drawn, SIZE, 16, 16).unwrap();
+        assert!(picked.region == Some(0) && (4.0..5.5).contains(&picked.position_mm.y), "{picked:?}");
+        drawn.objects[0].regions[0].opacity = 0.0;
+        let picked = pick(&drawn, SIZE, 16, 16).unwrap();
+        assert!(picked.region == Some(1) && (19.0..20.5).contains(&picked.position_mm.y), "{picked:?}");
+        // A faint one is looked through as well, and named once nothing is behind it.
+        drawn.objects[0].regions[0].opacity = 0.02;
+        assert_eq!(pick(&drawn, SIZE, 16, 16).unwrap().region, Some(1));
+        drawn.objects[0].regions[1].opacity = 0.0;
+        let picked = pick(&drawn, SIZE, 16, 16).unwrap();
+        let shown = 1.0 - (1.0f64 - 0.02).powi(5);
+        assert!(picked.region == Some(0) && (picked.opacity - shown).abs() < 0.003, "{picked:?} is not {shown}");
+        drawn.objects[0].regions[0].opacity = 0.0;
+        assert_eq!(pick(&drawn, SIZE, 16, 16), None);
+    }
+
+    #[test]
+    fn the_background_has_what_regions_leave_of_it() {
+        // A cut-out block in an opaque volume: its far side is the background's.
+        let mut drawn = plain(1.0);
+        assert_eq!(pick(&drawn, SIZE, 16, 16).unwrap().region, None);
+        let mut block = region("block", &drawn, opaque(), |[_, y, _]| if y < 12 { 255 } else { 0 });
+        block.opacity = 0.0;
+        drawn.objects[0].regions.push(block);
+        let picked = pick(&drawn, SIZE, 16, 16).unwrap();
+        assert!(picked.region.is_none() && (11.0..12.5).contains(&picked.position_mm.y), "{picked:?}");
+        assert!((picked.opacity - 1.0).abs() < 0.01, "{picked:?}");
+    }
+
+    #[test]
+    fn at_a_border_regions_share_what_is_seen() {
+        // A voxel thick and wide plates that share each voxel in 1/255: α' = 1 − (1 − Σ w α)^thickness, of which each has its part,
+        // and the answer is the one that has most.
+        for share in [51u8, 102, 153, 204] {
+            let mut drawn = plain(0.0);
+            let (faint, dense) = (vec![node(0.0, 0, 0.1)], vec![node(0.0, 0, 0.3)]);
+            let inside = |y: usize| (8..25).contains(&y);
+            let left = region("faint", &drawn, faint, |[_, y, _]| if inside(y) { share } else { 0 });
+            let right = region("dense", &drawn, dense, |[_, y, _]| if inside(y) { 255 - share } else { 0 });
+            drawn.objects[0].regions.extend([left, right]);
+            let w = f64::from(share) / 255.0;
+            let (a, b) = (0.1 * w, 0.3 * (1.0 - w));
+            let picked = pick(&drawn, SIZE, 16, 16).unwrap();
+            assert_eq!(picked.region, Some(usize::from(b > a)), "{share}: {picked:?}");
+            // Both ends are half a voxel of transition on either side: 17 voxels in all.
+            let shown = 1.0 - (1.0 - a - b).powi(17);
+            assert!((picked.opacity - shown).abs() < 0.01, "{share}: {picked:?} is not {shown}");
+        }
+    }
+
+    #[test]
+    fn the_opacity_of_a_ray_through_regions_is_that_of_the_picture() {
+        // Overlapping, with reference lengths of their own, faces of cut-outs and a style whose opacity depends on them.
+        let texel = |i: usize| [1.0, 1.0, 1.0, 0.3 + 0.6 * (i % STYLE_SIZE) as f32 / STYLE_SIZE as f32];
+        let pixels = (0..STYLE_SIZE * STYLE_SIZE).map(texel).collect();
+        let uneven = Picture { width: STYLE_SIZE, height: STYLE_SIZE, pixels };
+        let uneven = StyleImage::from_straight("uneven", &uneven).unwrap();
+        let camera = looking_at(CENTER + DVec3::new(40.0, -50.0, 20.0), CENTER, PERSPECTIVE);
+        let data = volume([33; 3], DAffine3::IDENTITY, |p| ball(p, CENTER, 10.0));
+        let nodes = vec![node(100.0, 0, 0.0), node(400.0, 0, 0.1), node(900.0, 0, 0.05)];
+        let mut drawn = scene(data, nodes.clone(), vec![uneven], camera);
+        let mut dense = region("dense", &drawn, vec![node(300.0, 0, 0.4)], |[x, y, z]| {
+            (20 * (x + y + z).saturating_sub(40)).min(255) as u8
+        });
+        dense.transfer_function.reference_length_mm = 2.5;
+        let mut cut = region("cut", &drawn, nodes, |[x, _, z]| if x > 18 && z > 14 { 200 } else { 0 });
+        cut.opacity = 0.1;
+        drawn.objects[0].regions.extend([dense, cut]);
+        let reference = Reference::new(&drawn).unwrap();
+        let mut opaque: f64 = 0.0;
+        for i in 0..33 {
+            let (x, y) = (i, (7 * i) % 33);
+            let line = Line::new(&drawn, &drawn.objects[0], 33, ray_from_pixel(&drawn.camera, SIZE, x, y));
+            let seen = line.march();
+            let ours: f64 = seen.iter().map(|s| s.opacity).sum();
+            let parts: f64 = seen.iter().flat_map(|s| &s.shown).map(|s| s.opacity).sum();
+            assert!((ours - parts).abs() < 1e-9, "{ours} is in parts {parts}");
+            let theirs = reference.pixel_with_step(SIZE, x, y, 1.0 / 64.0, 0.0)[3];
+            assert!((ours - theirs).abs() < 0.02, "{x} {y}: {ours} is not {theirs}");
+            opaque = opaque.max(theirs);
+        }
+        assert!(opaque > 0.3, "{opaque}");
     }
 }

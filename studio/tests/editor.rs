@@ -10,7 +10,7 @@ use eframe::egui::{
     Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, Rect, TouchPhase, Vec2,
 };
 use egui_kittest::Harness;
-use egui_kittest::kittest::Queryable as _;
+use egui_kittest::kittest::{NodeT as _, Queryable as _};
 use fabrica_engine::gpu::AdapterChoice;
 use fabrica_engine::slice::anatomical::{Convention, Orientation};
 use fabrica_studio::editor::slices::SliceViews;
@@ -1360,7 +1360,7 @@ fn the_side_of_slices_is_said_and_kept() {
         assert!(first.query_all_by_label_contains(name).next().is_some(), "nothing is called {name}");
     }
     // The figure has nothing to do with it.
-    assert!(first.query_all_by_label_contains("Figure: ball, seen from the front, R on the left").next().is_some());
+    assert!(first.query_all_by_label_contains("Figure: ball, seen from the front, R? on the left").next().is_some());
     first.state_mut().as_mut().unwrap().leave();
     drop(first);
     let mut second = window(place.path("figure.json"));
@@ -1579,4 +1579,265 @@ fn settle_tools(harness: &mut Window) {
         harness.step();
     }
     harness.step();
+}
+
+/// The header of a file on the grid of the raw block, whose middle is the origin.
+const BLOCK: &str = "NRRD0004\ntype: uint8\ndimension: 3\nspace: right-anterior-superior\nsizes: 16 16 16\n\
+                     space directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (-7.5,-7.5,-7.5)\nencoding: raw\n";
+
+/// Writes a label map for the ball's block: slabs of a voxel along x inside the ball, "rib 1" to "rib 16".
+fn ribs(place: &Place) -> PathBuf {
+    let names: String = (1..=16).map(|i| format!("Segment{i}_Name:=rib {i}\nSegment{i}_LabelValue:={i}\n")).collect();
+    let header = format!("{BLOCK}{names}\n");
+    let ball = std::fs::read(place.path("ball.raw")).unwrap();
+    let voxels: Vec<u8> = ball.iter().enumerate().map(|(i, v)| if *v > 0 { 1 + (i % 16) as u8 } else { 0 }).collect();
+    let path = place.path("ribs.seg.nrrd");
+    std::fs::write(&path, [header.as_bytes(), &voxels].concat()).unwrap();
+    path
+}
+
+/// The ball's figure with its ribs as a group.
+fn opened_with_ribs(place: &Place) -> Window {
+    let path = ribs(place);
+    let mut harness = opened(place);
+    run(&mut harness, UiCommand::AddSelections);
+    harness.step();
+    enter(&mut harness, &path.display().to_string());
+    settle(&mut harness);
+    assert_eq!(editor(&harness).banner(), None);
+    assert_eq!(figure(&harness).objects[0].regions.len(), 1);
+    harness
+}
+
+fn click_with(harness: &mut Window, modifiers: Modifiers, label: &str) {
+    let pos = middle(harness, label);
+    harness.event(Event::ModifiersChanged(modifiers));
+    harness.event(Event::PointerMoved(pos));
+    harness.step();
+    for pressed in [true, false] {
+        harness.event(Event::PointerButton { pos, button: PointerButton::Primary, pressed, modifiers });
+        harness.step();
+    }
+    harness.event(Event::ModifiersChanged(Modifiers::NONE));
+    harness.step();
+}
+
+/// The middle of a structure's row; what is chosen is named below the list again.
+fn row_of(harness: &Window, name: &str) -> Pos2 {
+    harness.query_all_by_label(name).next().unwrap().rect().center()
+}
+
+/// The look that the template gives a structure, without its group's.
+fn own_look(harness: &Window, name: &str) -> fabrica_studio::figure::template::LookTemplate {
+    figure(harness).objects[0].regions[0].own_look(Some(name))
+}
+
+#[test]
+fn structures_are_found_ordered_and_changed_together() {
+    let place = Place::with_ball();
+    let mut harness = opened_with_ribs(&place);
+    let listed = |harness: &Window| {
+        let rows = harness.query_all_by_label_contains("rib ");
+        let mut rows: Vec<(f32, String)> = rows
+            .filter_map(|node| Some((node.rect().top(), node.accesskit_node().label()?)))
+            .filter(|(_, label)| label.starts_with("rib "))
+            .collect();
+        rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+        rows.into_iter().map(|(_, label)| label).collect::<Vec<_>>()
+    };
+    assert!(
+        listed(&harness)[..2] == ["rib 2", "rib 3"] || listed(&harness)[..2] == ["rib 1", "rib 2"],
+        "{:?}",
+        listed(&harness)
+    );
+    assert!(harness.unnamed_widgets().is_empty(), "widgets without a name");
+    // The largest first: those through the middle.
+    click_on(&mut harness, "Order in ribs");
+    harness.step();
+    click_on(&mut harness, "By volume");
+    let first = listed(&harness)[0].clone();
+    assert!(["rib 8", "rib 9"].contains(&first.as_str()), "{first}");
+    // One types what one looks for; Escape lists all again.
+    click_on(&mut harness, "Search in ribs");
+    harness.event(Event::Text("RIB 1".to_owned()));
+    harness.step();
+    harness.step();
+    assert!(listed(&harness).iter().all(|name| name.starts_with("rib 1")), "{:?}", listed(&harness));
+    harness.key_press(Key::Escape);
+    harness.step();
+    harness.step();
+    assert_eq!(listed(&harness)[0], first);
+    click_on(&mut harness, "Order in ribs");
+    harness.step();
+    click_on(&mut harness, "As in file");
+    // Several at once: one step.
+    let before = labels(&harness).len();
+    let rows = listed(&harness);
+    let [a, b, c]: [String; 3] = std::array::from_fn(|i| rows[i].clone());
+    click_on(&mut harness, &a);
+    click_with(&mut harness, Modifiers::COMMAND, &c);
+    click_on(&mut harness, "Opacity");
+    enter(&mut harness, "25");
+    assert_eq!(labels(&harness)[before..], ["Change look of 2 structures"]);
+    assert_eq!([&a, &b, &c].map(|name| own_look(&harness, name).opacity), [Some(0.25), None, Some(0.25)]);
+    // Ctrl takes one away again, Shift takes all in between.
+    click_with(&mut harness, Modifiers::COMMAND, &c);
+    click_with(&mut harness, Modifiers::SHIFT, &c);
+    click_on(&mut harness, &format!("Hide {b}"));
+    assert_eq!([&a, &b, &c].map(|name| own_look(&harness, name).visible), [Some(false); 3]);
+    click_on(&mut harness, "Show only these");
+    let hidden = |harness: &Window| {
+        figure(harness).objects[0].regions[0].structures.iter().filter(|s| s.look.visible == Some(false)).count()
+    };
+    assert!(hidden(&harness) >= 10 && own_look(&harness, &b).visible.is_none(), "{}", hidden(&harness));
+    click_on(&mut harness, "Show all");
+    assert_eq!(hidden(&harness), 0);
+    // Arrows go on in the list.
+    click_on(&mut harness, &a);
+    harness.key_press(Key::ArrowDown);
+    harness.step();
+    harness.step();
+    assert!(harness.query_by_label(&format!("{b}: transfer function")).is_some(), "the arrow chose another one");
+    harness.key_press(Key::ArrowDown);
+    harness.step();
+    harness.step();
+    assert!(harness.query_by_label(&format!("{c}: transfer function")).is_some(), "and on");
+    assert!(harness.unnamed_widgets().is_empty(), "widgets without a name");
+    undo_all(&mut harness);
+    assert_eq!(figure(&harness), Template::parse(BALL).unwrap());
+}
+
+#[test]
+fn the_strip_is_about_the_chosen_region() {
+    let place = Place::with_ball();
+    let mut harness = opened_with_ribs(&place);
+    let objects = nodes(&harness);
+    let groups = figure(&harness).objects[0].regions[0].look.transfer_function.clone();
+    assert!(groups.is_some(), "a group begins with a look of its own");
+    click_on(&mut harness, "rib 5");
+    assert!(harness.query_by_label("rib 5: transfer function").is_some());
+    assert!(harness.query_by_label("Back to the group's").is_none(), "it looks as its group");
+    // The first edit makes a copy for it, in the same step.
+    let before = labels(&harness).len();
+    click_on(&mut harness, "Node 1 at 0");
+    click_on(&mut harness, "Node opacity");
+    enter(&mut harness, "35");
+    assert_eq!(labels(&harness)[before..], ["Move node to 0 (rib 5)"]);
+    let own = own_look(&harness, "rib 5").transfer_function.unwrap();
+    assert_eq!(own.nodes[0].opacity, 0.35);
+    assert_eq!(figure(&harness).objects[0].regions[0].look.transfer_function, groups);
+    assert_eq!(nodes(&harness), objects);
+    assert!(harness.unnamed_widgets().is_empty(), "widgets without a name");
+    click_on(&mut harness, "Back to the group's");
+    assert!(own_look(&harness, "rib 5").transfer_function.is_none());
+    // Keys and menus work on it as well; the object's is edited once the object is chosen.
+    click_on(&mut harness, "Node 1 at 0");
+    run(&mut harness, UiCommand::InsertNode);
+    assert_eq!(own_look(&harness, "rib 5").transfer_function.unwrap().nodes.len(), 2);
+    run(&mut harness, UiCommand::Undo);
+    let title = figure(&harness).objects[0].title().to_owned();
+    click_on(&mut harness, &title);
+    assert!(harness.query_by_label("Transfer function").is_some());
+    assert!(harness.query_by_label("Node 4 at 180").is_some());
+}
+
+#[test]
+fn styles_fall_on_regions() {
+    let place = Place::with_ball();
+    let mut harness = opened_with_ribs(&place);
+    click_on(&mut harness, "Find a style");
+    harness.event(Event::Text("brass".to_owned()));
+    harness.step();
+    harness.step();
+    let brass = |harness: &Window| harness.query_all_by_label("Style Brass").next().unwrap().rect().center();
+    let objects = nodes(&harness);
+    let (from, row) = (brass(&harness), row_of(&harness, "rib 5"));
+    drag_from(&mut harness, from, row);
+    assert_eq!(own_look(&harness, "rib 5").style.as_deref(), Some("brass"));
+    assert_eq!(labels(&harness).last().unwrap(), "Change look of rib 5");
+    // One with a transfer function of its own: on all of its nodes.
+    click_on(&mut harness, "rib 6");
+    click_on(&mut harness, "Node 1 at 0");
+    click_on(&mut harness, "Node opacity");
+    enter(&mut harness, "35");
+    let (from, row) = (brass(&harness), row_of(&harness, "rib 6"));
+    drag_from(&mut harness, from, row);
+    let look = own_look(&harness, "rib 6");
+    assert!(look.style.is_none() && look.transfer_function.unwrap().nodes.iter().all(|n| n.style == "brass"));
+    // On the picture: the region that is seen there, and nothing of the object.
+    let from = brass(&harness);
+    drag_from(&mut harness, from, MIDDLE);
+    let dressed = figure(&harness).objects[0].regions[0].structures.clone();
+    let dressed: Vec<_> = dressed.iter().filter(|s| s.look.style.as_deref() == Some("brass")).collect();
+    assert!(dressed.len() == 2 && ["rib 8", "rib 9"].contains(&dressed[1].structure.as_str()), "{dressed:?}");
+    assert_eq!(nodes(&harness), objects);
+}
+
+#[test]
+fn what_is_clicked_is_found_in_the_list() {
+    let place = Place::with_ball();
+    let mut harness = opened_with_ribs(&place);
+    let before = figure(&harness);
+    // Hidden from view by a search, and its group folded in.
+    click_on(&mut harness, "Search in ribs");
+    harness.event(Event::Text("rib 2".to_owned()));
+    harness.step();
+    click(&mut harness, MIDDLE);
+    let said: Vec<_> = harness.query_all_by_label_contains("gradient").map(|n| format!("{n:?}")).collect();
+    assert!(harness.query_by_label("Choose it").is_some(), "no answer: {said:?}");
+    let name = ["rib 8", "rib 9"].into_iter().find(|name| harness.query_by_label(name).is_some());
+    let name = name.expect("its name is said");
+    assert!(harness.unnamed_widgets().is_empty(), "widgets without a name");
+    click_on(&mut harness, "Choose it");
+    (0..10).for_each(|_| harness.step());
+    assert!(harness.query_by_label("Choose it").is_none(), "the answer stays open");
+    assert!(harness.query_by_label(&format!("Hide {name}")).is_some(), "its row is in view");
+    assert!(harness.query_by_label(&format!("{name}: transfer function")).is_some());
+    assert_eq!(figure(&harness), before, "asking and choosing are no edits");
+    // Where it is hidden, what is behind is seen: here the rib beside it, or nothing.
+    click_on(&mut harness, &format!("Hide {name}"));
+    click(&mut harness, MIDDLE);
+    assert_eq!(harness.query_all_by_label(name).filter(|node| node.rect().left() < 650.0).count(), 0);
+}
+
+#[test]
+fn a_dropped_label_map_can_be_selections() {
+    let place = Place::with_ball();
+    let path = ribs(&place);
+    let mut harness = opened(&place);
+    drop_files(&mut harness, std::slice::from_ref(&path));
+    assert!(
+        harness.query_by_label("Use in this figure").is_some() && harness.query_by_label("Open by itself").is_some()
+    );
+    assert!(harness.unnamed_widgets().is_empty(), "widgets without a name");
+    click_on(&mut harness, "Use as selections");
+    settle(&mut harness);
+    assert_eq!(editor(&harness).banner(), None);
+    assert_eq!(labels(&harness), ["Add ribs"]);
+    assert!(harness.query_by_label("ribs").is_some());
+    // The same as a folder of masks, by its path.
+    let folder = place.path("masks");
+    std::fs::create_dir(&folder).unwrap();
+    let header = format!("{BLOCK}\n");
+    for (name, from) in [("left_half", 0), ("right_half", 8)] {
+        let voxels: Vec<u8> = (0..4096).map(|i| u8::from((from..from + 8).contains(&(i % 16)))).collect();
+        std::fs::write(folder.join(format!("{name}.nrrd")), [header.as_bytes(), &voxels].concat()).unwrap();
+    }
+    run(&mut harness, UiCommand::AddMasks);
+    harness.step();
+    enter(&mut harness, &folder.display().to_string());
+    settle(&mut harness);
+    assert_eq!(editor(&harness).banner(), None);
+    assert_eq!(labels(&harness), ["Add ribs", "Add masks"]);
+    // One that lies elsewhere is refused with the reason, and nothing is lost.
+    let elsewhere = place.path("far.seg.nrrd");
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nspace: left-posterior-superior\nspace origin: (900,0,0)\n\
+                  space directions: (1,0,0) (0,1,0) (0,0,1)\nsizes: 4 4 4\nencoding: raw\nSegment0_Name:=far\n\
+                  Segment0_LabelValue:=1\n\n";
+    std::fs::write(&elsewhere, [header.as_bytes(), &[1u8; 64]].concat()).unwrap();
+    drop_files(&mut harness, std::slice::from_ref(&elsewhere));
+    click_on(&mut harness, "Use as selections");
+    settle(&mut harness);
+    assert!(editor(&harness).banner().is_some_and(|b| b.contains("elsewhere")), "{:?}", editor(&harness).banner());
+    assert_eq!(labels(&harness).len(), 2);
 }

@@ -60,7 +60,11 @@ pub fn shares(looks: &[Look<'_>], p: DVec3) -> Vec<f64> {
 /// The face at `p` of what shows, where it ends with a region rather than by its own values. `opacities` = how much of each
 /// look shows here, `to_world` = M⁻ᵀ.
 pub fn cut_face(looks: &[Look<'_>], p: DVec3, opacities: &[f64], to_world: DMat3) -> Face {
-    let shown = |p: DVec3| -> f64 { shares(looks, p).iter().zip(opacities).map(|(w, a)| w * a).sum() };
+    end_face(|p| shares(looks, p).iter().zip(opacities).map(|(w, a)| w * a).sum(), p, to_world)
+}
+
+/// As [`cut_face`], of U = `shown` as a function of the index position.
+pub fn end_face(shown: impl Fn(DVec3) -> f64, p: DVec3, to_world: DMat3) -> Face {
     let (mut change, mut most) = (DVec3::ZERO, 0.0f64);
     for (axis, e) in DVec3::AXES.into_iter().enumerate() {
         let (before, behind) = (shown(p - 0.5 * e), shown(p + 0.5 * e));

@@ -220,6 +220,44 @@ impl Selection {
         (weight > 0.0).then(|| scan.rescale.value(sum / weight))
     }
 
+    /// How many of its voxels ([`IN`] and above) have which of a scan's values, in `num_bins` equal bins over `range` (first and
+    /// last data value; what is beyond is in the outer ones). Voxels without a number do not count; all are 0 if the scan has another
+    /// number of voxels.
+    pub fn histogram_of(&self, scan: &Volume, range: (f64, f64), num_bins: usize) -> Vec<u64> {
+        let dims = self.grid.dims();
+        if scan.grid.dims() != dims || num_bins == 0 {
+            return vec![0; num_bins];
+        }
+        let bricks: Vec<_> = self.bricks().collect();
+        let scale = if range.1 > range.0 { num_bins as f64 / (range.1 - range.0) } else { 0.0 };
+        let bin = |value: f64| (((value - range.0) * scale).max(0.0) as usize).min(num_bins - 1);
+        with_voxels!(&scan.voxels, stored => bricks.into_par_iter().with_min_len(64).fold(
+            || vec![0; num_bins],
+            |mut counts, (place, brick)| {
+                let values = brick.values();
+                let [nx, ny, nz] = self.room(place);
+                for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
+                    let row = dims[0] * (place[1] * BRICK + y + dims[1] * (place[2] * BRICK + z)) + place[0] * BRICK;
+                    for (f, value) in values[BRICK * (y + BRICK * z)..].iter().zip(&stored[row..row + nx]) {
+                        if *f >= IN && value.is_finite() {
+                            counts[bin(scan.rescale.value(value.to_f64()))] += 1;
+                        }
+                    }
+                }
+                counts
+            },
+        ).reduce(|| vec![0; num_bins], |a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect()))
+    }
+
+    /// Whether it is a copy of another one that neither was edited since.
+    pub fn is_copy_of(&self, other: &Self) -> bool {
+        let same = |(a, b): (&Option<Arc<Chunk>>, &Option<Arc<Chunk>>)| match (a, b) {
+            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        self.chunks.len() == other.chunks.len() && self.chunks.iter().zip(&other.chunks).all(same)
+    }
+
     /// Memberships of a box, x fastest.
     ///
     /// # Panics

@@ -287,3 +287,34 @@ fn partial_volume_is_the_part_beyond_the_surface() {
     });
     assert!((mean - sum / weight).abs() < 1e-6);
 }
+
+#[test]
+fn histograms_count_the_voxels_that_are_in() {
+    let dims = [37, 20, 21];
+    let selection = random(dims, &Arc::new(BrickPool::default()), 8);
+    let mut next = noise(21);
+    let values: Vec<f32> =
+        (0..37 * 20 * 21).map(|_| if next(50) == 0 { f32::NAN } else { next(1000) as f32 / 4.0 - 20.0 }).collect();
+    let counts = selection.histogram_of(&scan(dims, values.clone()), (0.0, 200.0), 16);
+    let mut expected = vec![0u64; 16];
+    for (f, value) in all(&selection).into_iter().zip(values) {
+        if f >= IN && value.is_finite() {
+            // What is beyond the range is in the outer bins.
+            expected[((value / 12.5).floor().max(0.0) as usize).min(15)] += 1;
+        }
+    }
+    assert!(counts == expected && counts.iter().all(|n| *n > 0), "{counts:?} {expected:?}");
+    assert_eq!(selection.histogram_of(&scan([4, 1, 1], vec![1.0; 4]), (0.0, 1.0), 3), [0; 3]);
+    // One value is one bin.
+    let constant = selection.histogram_of(&scan(dims, vec![7.0; 37 * 20 * 21]), (7.0, 7.0), 4);
+    assert!(constant[0] > 0 && constant[1..] == [0; 3], "{constant:?}");
+}
+
+#[test]
+fn copies_are_known_until_one_is_edited() {
+    let selection = random([20, 20, 20], &Arc::new(BrickPool::default()), 3);
+    let mut copy = selection.clone();
+    assert!(copy.is_copy_of(&selection));
+    copy.invert();
+    assert!(!copy.is_copy_of(&selection));
+}

@@ -17,8 +17,8 @@ pub enum Dialog {
     Path(Purpose, String),
     /// There are unsaved changes: what was asked for.
     Unsaved(Then),
-    /// Files were dropped on a figure.
-    Dropped(Vec<PathBuf>),
+    /// Files were dropped on a figure; whether they can be selections of what it shows.
+    Dropped(Vec<PathBuf>, bool),
     /// How a volume shall be read.
     Volume(Box<VolumeChoice>),
     /// The palette with what is typed, and which of the commands found is chosen.
@@ -42,6 +42,8 @@ pub enum Choice {
     Accept,
     /// Unsaved changes may be lost; dropped files are a figure of their own.
     Other,
+    /// Dropped files are selections.
+    Selections,
     /// Nothing happens.
     Cancel,
     /// The palette's command.
@@ -61,21 +63,10 @@ pub fn show(
         chosen = match dialog {
             Dialog::Path(purpose, text) => path(ui, *purpose, text),
             Dialog::Unsaved(_) => {
-                question(ui, "Save the changes first?", "Without saving, they are lost.", "Save", Some("Do not save"))
+                let buttons = [("Save", Choice::Accept), ("Do not save", Choice::Other)];
+                question(ui, "Save the changes first?", "Without saving, they are lost.", buttons)
             }
-            Dialog::Dropped(paths) => {
-                let names: Vec<_> = paths.iter().filter_map(|p| p.file_name()).map(|n| n.to_string_lossy()).collect();
-                question(
-                    ui,
-                    "Use this volume in the figure?",
-                    &format!(
-                        "{}: it can take the place of the figure's own volume, or be opened by itself.",
-                        names.join(", ")
-                    ),
-                    "Use in this figure",
-                    Some("Open by itself"),
-                )
-            }
+            Dialog::Dropped(paths, has_volume) => dropped(ui, paths, *has_volume),
             Dialog::Volume(choice) => choice.show(ui),
             Dialog::Palette(text, chosen) => palette(ui, text, chosen, &disabled),
         };
@@ -92,25 +83,51 @@ pub fn filled(ui: &mut Ui, text: &str) -> egui::Response {
     ui.add(egui::Button::new(egui::RichText::new(text).color(theme::ON_FILLED)).fill(fill))
 }
 
-fn question(ui: &mut Ui, title: &str, text: &str, accept: &str, other: Option<&str>) -> Option<Choice> {
-    let mut choice = None;
+/// What is to become of dropped files: selections are offered first where their names or kinds say so.
+fn dropped(ui: &mut Ui, paths: &[PathBuf], has_volume: bool) -> Option<Choice> {
+    let names: Vec<_> = paths.iter().filter_map(|p| p.file_name()).map(|n| n.to_string_lossy()).collect();
+    let names = names.join(", ");
+    let volume = ("Use in this figure", Choice::Accept);
+    let selections = ("Use as selections", Choice::Selections);
+    let itself = ("Open by itself", Choice::Other);
+    if !has_volume {
+        let text = format!("{names}: it can take the place of the figure's own volume, or be opened by itself.");
+        return question(ui, "Use this volume in the figure?", &text, [volume, itself]);
+    }
+    let text = format!(
+        "{names}: it can take the place of the figure's own volume, select parts of it (a label map or masks of the same body), or \
+         be opened by itself."
+    );
+    let buttons = if says_selections(&names) { [selections, volume, itself] } else { [volume, selections, itself] };
+    question(ui, "Use this in the figure?", &text, buttons)
+}
+
+/// Whether a file or folder is called as selections are.
+fn says_selections(name: &str) -> bool {
+    let name = name.to_lowercase();
+    ["label", "mask", "seg"].iter().any(|word| name.contains(word))
+}
+
+/// A question with its answers; the first is that of Enter.
+fn question<const N: usize>(ui: &mut Ui, title: &str, text: &str, answers: [(&str, Choice); N]) -> Option<Choice> {
+    let mut chosen = None;
     ui.heading(title);
     ui.label(text);
     ui.add_space(8.0);
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         // Enter is the filled button's, unless another has the focus.
         let entered = ui.memory(|m| m.focused().is_none()) && ui.input(|i| i.key_pressed(Key::Enter));
-        if filled(ui, accept).clicked() || entered {
-            choice = Some(Choice::Accept);
-        }
-        if other.is_some_and(|text| ui.button(text).clicked()) {
-            choice = Some(Choice::Other);
+        for (i, (text, choice)) in answers.into_iter().enumerate() {
+            let clicked = if i == 0 { filled(ui, text).clicked() || entered } else { ui.button(text).clicked() };
+            if clicked {
+                chosen = Some(choice);
+            }
         }
         if ui.button("Cancel").clicked() {
-            choice = Some(Choice::Cancel);
+            chosen = Some(Choice::Cancel);
         }
     });
-    choice
+    chosen
 }
 
 /// The file that a figure is saved to: one without an extension gets a figure's.
@@ -124,7 +141,7 @@ fn path(ui: &mut Ui, purpose: Purpose, text: &mut String) -> Option<Choice> {
         Purpose::OpenFolder => ("Open a folder that holds a volume", "Open"),
         Purpose::Save => ("Save the figure as", "Save"),
         Purpose::Volume(_) => ("Use another volume in this figure", "Use"),
-        Purpose::Selections => ("Add a label map, a folder of masks, or selections", "Add"),
+        Purpose::Selections | Purpose::Masks => ("Add a label map, a folder of masks, or selections", "Add"),
     };
     ui.heading(title);
     let label = ui.label("Path");
@@ -235,6 +252,14 @@ fn find(typed: &str) -> Vec<UiCommand> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn label_maps_are_known_by_their_names() {
+        for name in ["ct_abdomen_labels.nii.gz", "Segmentation.seg.nrrd", "ct_masks", "liver_mask.mha"] {
+            assert!(says_selections(name), "{name}");
+        }
+        assert!(!says_selections("ct_abdomen.nii.gz"));
+    }
 
     #[test]
     fn the_palette_finds_what_is_meant_first() {

@@ -27,6 +27,8 @@ pub enum Purpose {
     Volume(usize),
     /// A label map or selections for the chosen object.
     Selections,
+    /// A folder of masks for the chosen object.
+    Masks,
 }
 
 /// A dialog that is open.
@@ -70,7 +72,7 @@ impl FileDialog {
             Purpose::Selections => {
                 Box::pin(dialog.add_filter("Label maps", &volumes).add_filter("All files", &["*"]).pick_file())
             }
-            Purpose::OpenFolder => Box::pin(dialog.pick_folder()),
+            Purpose::OpenFolder | Purpose::Masks => Box::pin(dialog.pick_folder()),
             Purpose::Save => {
                 let name = near.file_name().unwrap_or_default().to_string_lossy();
                 Box::pin(dialog.add_filter("Figures", &["json"]).set_file_name(name).save_file())

@@ -6,13 +6,14 @@ use std::sync::{Arc, Weak};
 use eframe::egui::Response;
 use fabrica_engine::Progress;
 use fabrica_engine::scene::Scene;
+use fabrica_engine::selection::Structure;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 
-use super::panels::regions::Chosen;
 use super::wording;
+use crate::figure::command::{Chosen, FunctionOf, function_at};
 use crate::figure::sources::{self, Selections, Sources};
-use crate::figure::template::{ObjectTemplate, SelectionSlot, VolumeSlot};
+use crate::figure::template::{ObjectTemplate, RegionTemplate, SelectionSlot, TransferFunctionTemplate, VolumeSlot};
 use crate::figure::{Command, Document, Template, bridge};
 
 /// A figure that is open.
@@ -25,6 +26,12 @@ pub struct OpenFigure {
     pub object: usize,
     /// The region of it that is chosen, if one is.
     region: Option<Chosen>,
+    /// Structures of the same group that are chosen together with it.
+    others: Vec<String>,
+    /// The part of an object that a style that is carried over the picture would dress.
+    pub aimed: Option<(usize, Chosen)>,
+    /// Whether the list of regions shall scroll to what is chosen.
+    pub reveals_region: bool,
     /// The node of its transfer function that is chosen.
     pub node: Option<usize>,
     /// What went wrong with the last edit, until it is told.
@@ -42,8 +49,20 @@ impl OpenFigure {
     pub fn new(document: Document, path: Option<PathBuf>, sources: &Sources) -> Self {
         let figure = document.figure().clone();
         let volumes = figure.volumes.iter().cloned().zip(sources.volumes.iter().cloned()).collect();
-        let (object, region, node, fault, scene, selections) = (0, None, None, None, None, Vec::new());
-        let mut open = Self { document, path, object, region, node, fault, volumes, selections, scene };
+        let mut open = Self {
+            document,
+            path,
+            object: 0,
+            region: None,
+            others: Vec::new(),
+            aimed: None,
+            reveals_region: false,
+            node: None,
+            fault: None,
+            volumes,
+            selections: Vec::new(),
+            scene: None,
+        };
         for (slot, read) in figure.selections.iter().zip(&sources.selections) {
             if let Some(volume) = open.volume_named(&slot.volume).cloned() {
                 open.keep_selections(slot.clone(), &volume, read.clone());
@@ -162,13 +181,102 @@ impl OpenFigure {
 
     /// Chooses an object, and a region of it.
     pub fn choose(&mut self, object: usize, region: Option<Chosen>) {
+        if (self.object, &self.region) != (object, &region) {
+            self.node = None;
+        }
         (self.object, self.region) = (object, region);
+        self.others.clear();
+    }
+
+    /// Chooses structures of the chosen one's group as well; those that are, no longer.
+    pub fn choose_too(&mut self, structure: &str) {
+        let Some(Chosen { structure: Some(first), .. }) = &mut self.region else { return };
+        if first == structure {
+            // Another one comes first then; the last stays.
+            if let Some(next) = self.others.pop() {
+                *first = next;
+                self.node = None;
+            }
+        } else if let Some(place) = self.others.iter().position(|other| other == structure) {
+            self.others.remove(place);
+        } else {
+            self.others.push(structure.to_owned());
+        }
+    }
+
+    /// Chooses all of these structures of the chosen one's group, which stays the first.
+    pub fn choose_all(&mut self, structures: impl IntoIterator<Item = String>) {
+        let Some(Chosen { structure: Some(first), .. }) = &self.region else { return };
+        self.others = structures.into_iter().filter(|structure| structure != first).collect();
     }
 
     /// The region that is chosen, as long as there is one.
     pub fn chosen_region(&self) -> Option<&Chosen> {
         let regions = &self.chosen()?.regions;
         self.region.as_ref().filter(|chosen| chosen.region < regions.len())
+    }
+
+    /// The structures of a group that are chosen, the first of them first; empty where none is, or the region itself.
+    pub fn chosen_structures(&self) -> impl Iterator<Item = &String> {
+        let first = self.chosen_region().and_then(|chosen| chosen.structure.as_ref());
+        first.into_iter().chain(first.is_some().then_some(&self.others).into_iter().flatten())
+    }
+
+    /// Whether a region, or a structure of one, is among what is chosen.
+    pub fn is_chosen(&self, object: usize, part: &Chosen) -> bool {
+        let region = self.chosen_region().filter(|_| self.object == object);
+        region.is_some_and(|chosen| {
+            chosen == part
+                || chosen.region == part.region
+                    && part.structure.as_ref().is_some_and(|s| self.chosen_structures().any(|other| other == s))
+        })
+    }
+
+    /// Whose transfer function is worked on: what is chosen, else the object.
+    pub fn function_of(&self) -> FunctionOf {
+        FunctionOf { object: self.object, part: self.chosen_region().cloned() }
+    }
+
+    /// The transfer function that is worked on.
+    pub fn function(&self) -> Option<TransferFunctionTemplate> {
+        function_at(self.document.figure(), &self.function_of())
+    }
+
+    /// Whether the part that is chosen has a transfer function of its own.
+    pub fn has_own_function(&self) -> bool {
+        let own = |chosen: &Chosen| {
+            let region = self.chosen()?.regions.get(chosen.region)?;
+            Some(region.own_look(chosen.structure.as_deref()).transfer_function.is_some())
+        };
+        self.chosen_region().and_then(own).unwrap_or(false)
+    }
+
+    /// The structures of a region's selections, as far as they were read.
+    pub fn structures_of(&self, region: &RegionTemplate) -> Option<&Arc<Selections>> {
+        let slot = self.document.figure().selections.iter().find(|s| s.name == region.selection)?;
+        self.selections_of(slot)
+    }
+
+    /// What the scene's region number `number` of the first object that is drawn comes from: the object, the part, and its voxels.
+    pub fn part_at(&self, number: usize) -> Option<(usize, Chosen, &Structure)> {
+        let objects = &self.document.figure().objects;
+        let (object, template) = objects.iter().enumerate().find(|(_, object)| object.visible)?;
+        let drawn = template.regions.iter().enumerate().flat_map(|(i, region)| {
+            let structures = self.structures_of(region).map_or(&[][..], |s| &s.structures);
+            bridge::drawn(region, structures).map(move |structure| (i, region, structure))
+        });
+        let (i, region, structure) = drawn.into_iter().nth(number)?;
+        let name = region.structure.is_none().then(|| region.called(&structure.label));
+        Some((object, Chosen { region: i, structure: name }, structure))
+    }
+
+    /// The structures that are chosen, with their voxels; all of a group.
+    pub fn chosen_selections(&self) -> Vec<&Structure> {
+        let Some(chosen) = self.chosen_region() else { return Vec::new() };
+        let Some(region) = self.chosen().and_then(|o| o.regions.get(chosen.region)) else { return Vec::new() };
+        let structures = self.structures_of(region).map_or(&[][..], |s| &s.structures);
+        let is_it = |s: &&Structure| chosen.structure.as_ref().is_none_or(|name| region.called(&s.label) == *name);
+        bridge::drawn(region, structures).filter(is_it).collect()
     }
 
     /// The number of its slot.
@@ -201,7 +309,7 @@ impl OpenFigure {
             self.fault = Some(wording::sentence(&error));
         }
         self.follow_voxels();
-        let num_nodes = self.chosen().map_or(0, |o| o.transfer_function.nodes.len());
+        let num_nodes = self.function().map_or(0, |function| function.nodes.len());
         self.node = self.node.filter(|n| *n < num_nodes);
     }
 

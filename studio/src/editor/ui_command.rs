@@ -20,6 +20,7 @@ pub enum UiCommand {
     History,
     Palette,
     AddSelections,
+    AddMasks,
     Rename,
     ShowHide,
     InsertNode,
@@ -80,6 +81,7 @@ impl UiCommand {
         C::History,
         C::Palette,
         C::AddSelections,
+        C::AddMasks,
         C::Rename,
         C::ShowHide,
         C::InsertNode,
@@ -129,7 +131,7 @@ impl UiCommand {
                 "File"
             }
             C::Undo | C::Redo | C::History | C::Palette => "Edit",
-            C::AddSelections | C::Rename | C::ShowHide | C::InsertNode | C::RemoveNode => "Object",
+            C::AddSelections | C::AddMasks | C::Rename | C::ShowHide | C::InsertNode | C::RemoveNode => "Object",
             C::GrowSelection
             | C::ShrinkSelection
             | C::SmoothSelection
@@ -160,6 +162,7 @@ impl UiCommand {
             C::ReadOtherwise => "Series, part and resolution…",
             C::History => "History",
             C::AddSelections => "Add label map or selections…",
+            C::AddMasks => "Add folder of masks…",
             C::Rename => "Rename object",
             C::ShowHide => "Show or hide object",
             C::InsertNode => "Insert node",
@@ -218,7 +221,8 @@ impl UiCommand {
             C::ReplaceVolume => "Dresses another volume in this figure's look, or finds one that is missing",
             C::ReadOtherwise => "Which series, frame and part of the volume's file is loaded, and how finely",
             C::History => "The steps so far, to go back to any of them",
-            C::AddSelections => "Structures of the chosen object from a file or folder, each with a look of its own",
+            C::AddSelections => "Structures of the chosen object from a file, each with a look of its own",
+            C::AddMasks => "Structures of the chosen object from a folder with a file for each",
             C::Rename => "Another name for the chosen object",
             C::ShowHide => "The chosen object is drawn, or is not",
             C::InsertNode => "After the chosen node, half way to the next one; the picture stays as it is",

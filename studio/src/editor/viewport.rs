@@ -22,10 +22,12 @@ use super::open_figure::OpenFigure;
 use super::painter::{Painter, Request, Stage, Update};
 use super::panels::curve::{dress_material, insert_node};
 use super::panels::properties::shorter;
+use super::panels::regions::dress;
 use super::panels::transfer_function::FunctionView;
 use super::slices::pane::is_tools;
 use super::tools::FigureView;
 use super::{theme, view};
+use crate::figure::command::{Chosen, FunctionOf, function_at};
 use crate::figure::template::CameraTemplate;
 use crate::figure::{Command, Template};
 
@@ -150,6 +152,8 @@ fn looks_same(a: &Arc<Template>, b: &Arc<Template>) -> bool {
 struct Answer {
     at: Pos2,
     pick: Pick,
+    /// Whose transfer function is seen there.
+    of: FunctionOf,
     figure: Arc<Template>,
 }
 
@@ -170,6 +174,8 @@ pub struct Viewport {
     answer: Option<Answer>,
     /// What the pointer is on, with where it was when that was found.
     under: Option<(Pos2, Arc<Template>, Option<Under>)>,
+    /// The scene's region that is seen there.
+    under_region: Option<usize>,
     /// What the drag does, and where the pointer was when it was last followed.
     motion: Option<(Motion, Pos2)>,
     /// What the hand can do here, for the status bar.
@@ -231,6 +237,11 @@ impl Viewport {
     /// The figure as a tool sees it, if it is under the pointer.
     pub fn aimed(&self) -> Option<FigureView> {
         self.aimed.clone()
+    }
+
+    /// The number, in the scene, of the region that the pointer is on.
+    pub fn region_under(&self) -> Option<usize> {
+        self.under_region
     }
 
     /// What was asked about since this was called last.
@@ -296,12 +307,14 @@ impl Viewport {
             self.ask_what(open, gallery, at, frame, size);
         }
         // A style that falls on the picture dresses the material that is seen there.
-        function_view.aimed = Self::aim(ui, &response, open, gallery, frame, size);
-        if let Some(node) = function_view.aimed
+        let aimed = Self::aim(ui, &response, open, gallery, frame, size);
+        open.aimed = aimed.as_ref().and_then(|(of, _)| Some((of.object, of.part.clone()?)));
+        function_view.aimed = aimed.as_ref().filter(|(of, _)| *of == open.function_of()).map(|(_, node)| *node);
+        if let Some((of, node)) = aimed
             && let Some(style) = response.dnd_release_payload::<DraggedStyle>()
         {
-            dress_material(open, node, &style.0);
-            open.node = Some(node);
+            open.aimed = None;
+            drop_style(open, of, node, &style.0);
         }
         self.answer(ui, open, gallery, function_view);
     }
@@ -408,7 +421,7 @@ impl Viewport {
     ) {
         let at = response.hover_pos().filter(|_| !open.document.in_gesture());
         let Some(at) = at else {
-            self.under = None;
+            (self.under, self.under_region) = (None, None);
             return;
         };
         let figure = open.document.figure().clone();
@@ -421,20 +434,25 @@ impl Viewport {
             return;
         }
         let found = Self::pick_at(open, gallery, at, frame, size);
+        self.under_region = found.and_then(|p| p.region);
         self.under = Some((at, figure, found.map(|p| Under { position_mm: p.position_mm, value: p.value })));
     }
 
     fn ask_what(&mut self, open: &mut OpenFigure, gallery: &Gallery, at: Pos2, frame: Rect, size: [u32; 2]) {
         let pick = Self::pick_at(open, gallery, at, frame, size);
         let figure = open.document.figure().clone();
-        if let Some(pick) = &pick {
-            open.node = Some(nearest_node(open, pick));
-        }
+        self.answer = pick.map(|pick| {
+            let of = function_seen(open, &pick);
+            // Where the curve that is shown is the one that is seen, too.
+            if function_at(&figure, &of) == open.function() {
+                open.node = Some(nearest_node(&figure, &of, &pick));
+            }
+            Answer { at, pick, of, figure }
+        });
         self.asked = pick;
-        self.answer = pick.map(|pick| Answer { at, pick, figure });
     }
 
-    /// The node that a style that is carried over the picture would dress.
+    /// What a style that is carried over the picture would dress: whose transfer function, and which node of it.
     fn aim(
         ui: &Ui,
         response: &Response,
@@ -442,11 +460,13 @@ impl Viewport {
         gallery: &Gallery,
         frame: Rect,
         size: [u32; 2],
-    ) -> Option<usize> {
+    ) -> Option<(FunctionOf, usize)> {
         response.dnd_hover_payload::<DraggedStyle>()?;
         let at = ui.input(|i| i.pointer.latest_pos())?;
         let pick = Self::pick_at(open, gallery, at, frame, size)?;
-        Some(nearest_node(open, &pick))
+        let of = function_seen(open, &pick);
+        let node = nearest_node(open.document.figure(), &of, &pick);
+        Some((of, node))
     }
 
     /// The answer to "what is this?", beside the place that was asked about.
@@ -454,31 +474,47 @@ impl Viewport {
         let Some(answer) = &self.answer else { return };
         let figure = open.document.figure();
         // Another view shows something else there.
-        if answer.figure.camera != figure.camera || answer.figure.volumes != figure.volumes {
+        if answer.figure.camera != figure.camera
+            || answer.figure.volumes != figure.volumes
+            || answer.figure.selections != figure.selections
+        {
             self.answer = None;
             return;
         }
-        let node = nearest_node(open, &answer.pick);
-        let Some(nodes) = open.chosen().map(|o| o.transfer_function.nodes.clone()) else { return };
+        let of = answer.of.clone();
+        let Some(nodes) = function_at(figure, &of).map(|function| function.nodes).filter(|n| !n.is_empty()) else {
+            self.answer = None;
+            return;
+        };
+        let node = nearest_node(figure, &of, &answer.pick);
         let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
         let structures = open.chosen_volume().and_then(|v| structures_at(v, answer.pick.position_mm));
+        let part = of.part.as_ref().and_then(|part| name_of(figure, of.object, part));
         let (at, value, gradient) = (answer.at, answer.pick.value, answer.pick.gradient);
         let painter = ui.painter();
         painter.circle_stroke(at, 6.0, Stroke::new(4.0, Color32::WHITE));
         painter.circle_stroke(at, 6.0, Stroke::new(2.0, theme::GIZMO));
-        let mut done = false;
+        let (mut done, mut chooses) = (false, false);
         let area =
             Area::new(Id::unique("what is this")).order(Order::Foreground).fixed_pos(at + Vec2::new(16.0, -12.0));
         area.constrain(true).show(ui.ctx(), |ui| {
             egui::Frame::popup(ui.style()).show(ui, |ui| {
-                ui.set_max_width(240.0);
+                ui.set_max_width(260.0);
                 ui.horizontal(|ui| {
                     let (rect, _) = ui.allocate_exact_size(Vec2::splat(34.0), Sense::hover());
                     gallery.paint(ui.painter(), rect.center(), 16.0, &nodes[node].style);
                     ui.vertical(|ui| {
-                        let named = structures.as_deref().map(str::to_owned);
-                        let what = named.unwrap_or_else(|| format!("{value:.0}{unit}, gradient {gradient:.2}"));
-                        ui.add(egui::Label::new(egui::RichText::new(what).strong()).wrap());
+                        let numbers = format!("{value:.0}{unit}, gradient {gradient:.2}");
+                        let strong = |text: &str| egui::RichText::new(text).strong();
+                        let accent = theme::tokens(ui.ctx()).accent;
+                        if let Some(part) = &part {
+                            let tooltip = "Chooses it in the list of regions";
+                            chooses |= ui.link(strong(part).color(accent)).on_hover_text(tooltip).clicked();
+                            ui.label(theme::small(ui.ctx(), numbers));
+                        } else {
+                            let what = structures.unwrap_or(numbers);
+                            ui.add(egui::Label::new(strong(&what)).wrap());
+                        }
                         let style = gallery.title(&nodes[node].style);
                         ui.label(theme::small(
                             ui.ctx(),
@@ -486,8 +522,13 @@ impl Viewport {
                         ));
                     });
                 });
-                ui.horizontal(|ui| {
-                    if ui.button("New node here").on_hover_text("Puts a node at this value on the curve").clicked() {
+                ui.horizontal_wrapped(|ui| {
+                    if part.is_some() {
+                        let tooltip = "Chooses it in the list of regions, and its transfer function below";
+                        chooses |= ui.button("Choose it").on_hover_text(tooltip).clicked();
+                    }
+                    if ui.button("New node here").on_hover_text("Puts a node at this value on its curve").clicked() {
+                        open.choose(of.object, of.part.clone());
                         insert_node(open, value, 1.0, None, None);
                         done = true;
                     }
@@ -501,8 +542,46 @@ impl Viewport {
                 });
             });
         });
-        if done {
+        if chooses {
+            open.choose(of.object, of.part.clone());
+            open.node = Some(node);
+            open.reveals_region = true;
+            ui.ctx().request_repaint();
+        }
+        if done || chooses {
             self.answer = None;
+        }
+    }
+}
+
+/// What a part of an object is called.
+fn name_of(figure: &Template, object: usize, part: &Chosen) -> Option<String> {
+    let region = figure.objects.get(object)?.regions.get(part.region)?;
+    Some(part.structure.clone().unwrap_or_else(|| region.title().to_owned()))
+}
+
+/// Whose transfer function shows what was picked.
+fn function_seen(open: &OpenFigure, pick: &Pick) -> FunctionOf {
+    let part = pick.region.and_then(|number| open.part_at(number));
+    part.map_or_else(|| FunctionOf::object(open.object), |(object, part, _)| FunctionOf { object, part: Some(part) })
+}
+
+/// A style that falls on what is seen: on a region's own transfer function, or the object's, on the node's material there; a region
+/// without one of its own is dressed as a whole.
+fn drop_style(open: &mut OpenFigure, of: FunctionOf, node: usize, style: &str) {
+    let figure = open.document.figure();
+    let own = |part: &Chosen| {
+        let region = figure.objects.get(of.object)?.regions.get(part.region)?;
+        Some(region.own_look(part.structure.as_deref()).transfer_function.is_some())
+    };
+    match &of.part {
+        Some(part) if own(part) != Some(true) => dress(open, of.object, &part.clone(), style),
+        _ => {
+            let shown = of == open.function_of();
+            dress_material(open, of, node, style);
+            if shown {
+                open.node = Some(node);
+            }
         }
     }
 }
@@ -523,9 +602,9 @@ pub fn structures_at(volume: &Volume, position_mm: DVec3) -> Option<String> {
 }
 
 /// The node whose style a picked sample has most of.
-fn nearest_node(open: &OpenFigure, pick: &Pick) -> usize {
-    let num_nodes = open.chosen().map_or(1, |o| o.transfer_function.nodes.len());
-    (pick.node.round().max(0.0) as usize).min(num_nodes - 1)
+fn nearest_node(figure: &Template, of: &FunctionOf, pick: &Pick) -> usize {
+    let num_nodes = function_at(figure, of).map_or(1, |function| function.nodes.len());
+    (pick.node.round().max(0.0) as usize).min(num_nodes.max(1) - 1)
 }
 
 fn wheel(ui: &Ui, response: &Response, open: &mut OpenFigure, frame: Rect) {

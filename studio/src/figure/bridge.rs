@@ -17,7 +17,7 @@ use glam::DVec3;
 use super::sources::Sources;
 use super::template::{
     Background, CameraTemplate, Domain, ObjectTemplate, ProjectionName, QualityName, Reference, RegionTemplate,
-    RestTemplate, Template, Tint, TransferFunctionTemplate,
+    RestTemplate, Template, Tint, TransferFunctionTemplate, is_called,
 };
 
 /// The scene of a template with what was read for its slots, and what the user might want to know about how it came about, a
@@ -170,15 +170,9 @@ impl Making<'_> {
         structures: &[Structure],
     ) -> Result<Vec<Region>> {
         let mut regions = Vec::new();
-        for structure in structures {
+        for structure in drawn(template, structures) {
             let label = &structure.label;
-            let id = label.id.to_string();
-            let names: Vec<&str> =
-                [Some(label.name.as_str()), label.code.as_deref(), Some(&id)].into_iter().flatten().collect();
-            if template.structure.as_deref().is_some_and(|wanted| !names.contains(&wanted)) {
-                continue;
-            }
-            let look = template.look_of(&names);
+            let look = template.look_at(Some(&template.called(label)));
             let tint = match look.tint.unwrap_or(if template.structure.is_none() { Tint::Own } else { Tint::None }) {
                 Tint::None => None,
                 Tint::Own => Some(label.color),
@@ -193,9 +187,6 @@ impl Making<'_> {
                 tint: tint.map(|color| color.map(linear_from_srgb8)),
                 opacity: if visible { look.opacity.unwrap_or(1.0) } else { 0.0 },
             });
-            if template.structure.is_some() {
-                break;
-            }
         }
         if regions.is_empty() {
             self.notes.push(match &template.structure {
@@ -210,6 +201,13 @@ impl Making<'_> {
         }
         Ok(regions)
     }
+}
+
+/// The structures that a region draws, in the order of the scene's regions.
+pub fn drawn<'a>(template: &RegionTemplate, structures: &'a [Structure]) -> impl Iterator<Item = &'a Structure> {
+    let most = if template.structure.is_some() { 1 } else { usize::MAX };
+    let wanted = template.structure.clone();
+    structures.iter().filter(move |s| wanted.as_deref().is_none_or(|wanted| is_called(&s.label, wanted))).take(most)
 }
 
 /// Center and radius, in world mm, of the sphere that a camera's lengths are relative to.

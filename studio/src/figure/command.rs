@@ -10,9 +10,38 @@ use super::template::{
     RestTemplate, SelectionSlot, SelectionVoxels, StructureTemplate, Template, TransferFunctionTemplate, VolumeSlot,
 };
 
+/// What has a look of its own in an object: a region, or a structure in a group.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Chosen {
+    /// Which region.
+    pub region: usize,
+    /// Which structure of a group, as the template calls it; none: the region itself.
+    pub structure: Option<String>,
+}
+
+/// Whose transfer function is meant: an object's, or that of a part of it. A part that has none of its own gets a copy of what it
+/// looks like at its first edit.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FunctionOf {
+    /// Which object.
+    pub object: usize,
+    /// Which part of it; none: the object itself.
+    pub part: Option<Chosen>,
+}
+
+impl FunctionOf {
+    /// The object's own.
+    pub fn object(object: usize) -> Self {
+        Self { object, part: None }
+    }
+}
+
 /// One edit. Objects, nodes and volume slots are named by their position.
 #[derive(Clone, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "there are few at a time, and the large ones are as frequent as the others")]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there are few at a time, and the large ones are as frequent as the others"
+)]
 pub enum Command {
     /// The figure's title.
     SetTitle(String),
@@ -28,22 +57,22 @@ pub enum Command {
     SetQuality(QualityName),
     /// The whole transfer function of an object: an automatic look, a preset.
     SetTransferFunction {
-        /// Which object.
-        object: usize,
+        /// Whose.
+        of: FunctionOf,
         /// The new one.
         function: TransferFunctionTemplate,
     },
     /// A new node, put where its position belongs; beside others at the same position after them.
     InsertNode {
-        /// Of which object's transfer function.
-        object: usize,
+        /// Whose.
+        of: FunctionOf,
         /// The new one.
         node: NodeTemplate,
     },
     /// Position and opacity of a node. It stays between its neighbors: a position beyond them is moved to theirs.
     MoveNode {
-        /// Of which object's transfer function.
-        object: usize,
+        /// Whose.
+        of: FunctionOf,
         /// Which node.
         node: usize,
         /// Data value or percentile.
@@ -53,8 +82,8 @@ pub enum Command {
     },
     /// The style of successive nodes.
     SetStyle {
-        /// Of which object's transfer function.
-        object: usize,
+        /// Whose.
+        of: FunctionOf,
         /// Which nodes.
         nodes: Range<usize>,
         /// The style's name.
@@ -62,8 +91,8 @@ pub enum Command {
     },
     /// Takes a node away; the last one stays.
     RemoveNode {
-        /// Of which object's transfer function.
-        object: usize,
+        /// Whose.
+        of: FunctionOf,
         /// Which node.
         node: usize,
     },
@@ -76,8 +105,8 @@ pub enum Command {
     },
     /// d₀: the length that the opacities are stated for; `None`: the volume's smallest spacing.
     SetReferenceLength {
-        /// Of which object's transfer function.
-        object: usize,
+        /// Whose.
+        of: FunctionOf,
         /// In mm.
         length_mm: Option<f64>,
     },
@@ -159,6 +188,27 @@ pub enum Command {
 impl Command {
     /// What the edit of `figure` is called in the list of undo steps: verb, object, amount.
     pub fn label(&self, figure: &Template) -> String {
+        let verb = self.verb(figure);
+        match self.whose_function().and_then(|of| part_name(figure, of)) {
+            Some(part) => format!("{verb} ({part})"),
+            None => verb,
+        }
+    }
+
+    /// Whose transfer function it changes, if it changes one.
+    pub fn whose_function(&self) -> Option<&FunctionOf> {
+        match self {
+            Self::SetTransferFunction { of, .. }
+            | Self::InsertNode { of, .. }
+            | Self::MoveNode { of, .. }
+            | Self::SetStyle { of, .. }
+            | Self::RemoveNode { of, .. }
+            | Self::SetReferenceLength { of, .. } => Some(of),
+            _ => None,
+        }
+    }
+
+    fn verb(&self, figure: &Template) -> String {
         match self {
             Self::SetTitle(_) => "Change title".to_owned(),
             Self::SetCamera(_) => "Move view".to_owned(),
@@ -183,6 +233,7 @@ impl Command {
             Self::SetLook { structure: None, .. } => "Change look of region".to_owned(),
             Self::SetRest { rest, .. } if rest.visible => "Show the rest".to_owned(),
             Self::SetRest { .. } => "Hide the rest".to_owned(),
+            Self::SetLooks { looks, .. } if looks.len() == 1 => format!("Change look of {}", looks[0].0),
             Self::SetLooks { looks, .. } => format!("Change look of {} structures", looks.len()),
             Self::SetVoxels { label, .. } => label.clone(),
             Self::SetVolume { slot, volume } => reading(figure.volumes.get(*slot), volume),
@@ -201,17 +252,24 @@ impl Command {
         ) || self.tints_what(later)
     }
 
-    /// Whether both give a color to the same structure: one that is looked for in a picker.
+    /// Whether both give a color to the same structures: one that is looked for in a picker.
     fn tints_what(&self, later: &Self) -> bool {
-        let (
-            Self::SetLook { object, region, structure, look },
-            Self::SetLook { object: o, region: r, structure: s, look: l },
-        ) = (self, later)
-        else {
-            return false;
+        let other_tint = |a: &LookTemplate, b: &LookTemplate| {
+            let untinted = |look: &LookTemplate| LookTemplate { tint: None, ..look.clone() };
+            a.tint != b.tint && untinted(a) == untinted(b)
         };
-        let untinted = |look: &LookTemplate| LookTemplate { tint: None, ..look.clone() };
-        (object, region, structure) == (o, r, s) && look.tint != l.tint && untinted(look) == untinted(l)
+        match (self, later) {
+            (
+                Self::SetLook { object, region, structure, look },
+                Self::SetLook { object: o, region: r, structure: s, look: l },
+            ) => (object, region, structure) == (o, r, s) && other_tint(look, l),
+            (Self::SetLooks { object, region, looks }, Self::SetLooks { object: o, region: r, looks: l }) => {
+                let same =
+                    |((s, a), (t, b)): (&(String, LookTemplate), &(String, LookTemplate))| s == t && other_tint(a, b);
+                (object, region, looks.len()) == (o, r, l.len()) && looks.iter().zip(l).all(same)
+            }
+            _ => false,
+        }
     }
 
     /// Makes the edit.
@@ -241,24 +299,24 @@ impl Command {
             Self::SetBackground(background) => figure.background = background,
             Self::SetPage(page) => figure.figure = page,
             Self::SetQuality(quality) => figure.quality = quality,
-            Self::SetTransferFunction { object, function } => *function_of(figure, object)? = function,
-            Self::InsertNode { object, node } => {
-                let nodes = &mut function_of(figure, object)?.nodes;
+            Self::SetTransferFunction { of, function } => *function_of(figure, &of)? = function,
+            Self::InsertNode { of, node } => {
+                let nodes = &mut function_of(figure, &of)?.nodes;
                 let place = nodes.partition_point(|n| n.at <= node.at);
                 nodes.insert(place, node);
             }
-            Self::MoveNode { object, node, at, opacity } => {
+            Self::MoveNode { of, node, at, opacity } => {
                 if !(at.is_finite() && opacity.is_finite()) {
                     bail!("a node cannot be at {at} with opacity {opacity}; give finite numbers");
                 }
-                let nodes = &mut function_of(figure, object)?.nodes;
+                let nodes = &mut function_of(figure, &of)?.nodes;
                 let low = node.checked_sub(1).and_then(|i| nodes.get(i)).map_or(f64::NEG_INFINITY, |n| n.at);
                 let high = nodes.get(node + 1).map_or(f64::INFINITY, |n| n.at);
                 let node = node_of(nodes, node)?;
                 (node.at, node.opacity) = (at.clamp(low, high), opacity.clamp(0.0, 1.0));
             }
-            Self::SetStyle { object, nodes, style } => {
-                let all = &mut function_of(figure, object)?.nodes;
+            Self::SetStyle { of, nodes, style } => {
+                let all = &mut function_of(figure, &of)?.nodes;
                 let num_nodes = all.len();
                 let Some(chosen) = all.get_mut(nodes.clone()).filter(|c| !c.is_empty()) else {
                     bail!("the transfer function has {num_nodes} nodes, not {} to {}", nodes.start + 1, nodes.end);
@@ -267,8 +325,8 @@ impl Command {
                     node.style.clone_from(&style);
                 }
             }
-            Self::RemoveNode { object, node } => {
-                let nodes = &mut function_of(figure, object)?.nodes;
+            Self::RemoveNode { of, node } => {
+                let nodes = &mut function_of(figure, &of)?.nodes;
                 node_of(nodes, node)?;
                 if nodes.len() == 1 {
                     bail!("a transfer function needs one node at least; make its opacity 0 instead");
@@ -281,11 +339,11 @@ impl Command {
                 }
                 object_of(figure, object)?.gradient_scale_mm = scale_mm;
             }
-            Self::SetReferenceLength { object, length_mm } => {
+            Self::SetReferenceLength { of, length_mm } => {
                 if length_mm.is_some_and(|l| !(l.is_finite() && l > 0.0)) {
                     bail!("opacities cannot be those of {} mm; give a positive length", length_mm.unwrap_or_default());
                 }
-                function_of(figure, object)?.reference_length_mm = length_mm;
+                function_of(figure, &of)?.reference_length_mm = length_mm;
             }
             Self::SetName { object, name } => object_of(figure, object)?.name = name,
             Self::SetVisible { object, visible } => object_of(figure, object)?.visible = visible,
@@ -363,6 +421,13 @@ fn reading(before: Option<&VolumeSlot>, now: &VolumeSlot) -> String {
     parts.join(", ")
 }
 
+/// What the part of an object is called whose function it is; none: the object itself.
+fn part_name(figure: &Template, of: &FunctionOf) -> Option<String> {
+    let part = of.part.as_ref()?;
+    let region = figure.objects.get(of.object)?.regions.get(part.region)?;
+    Some(part.structure.clone().unwrap_or_else(|| region.title().to_owned()))
+}
+
 /// At most two decimals, none that say nothing.
 fn short(number: f64) -> f64 {
     (100.0 * number).round() / 100.0
@@ -398,8 +463,40 @@ fn set_look(region: &mut RegionTemplate, structure: &str, look: LookTemplate) {
     }
 }
 
-fn function_of(figure: &mut Template, object: usize) -> Result<&mut TransferFunctionTemplate> {
-    Ok(&mut object_of(figure, object)?.transfer_function)
+/// The transfer function that an object, or a part of it, is drawn with; none if there is no such part. A style that takes the place
+/// of all of its nodes' is theirs here.
+pub fn function_at(figure: &Template, of: &FunctionOf) -> Option<TransferFunctionTemplate> {
+    let object = figure.objects.get(of.object)?;
+    let Some(part) = &of.part else { return Some(object.transfer_function.clone()) };
+    let region = object.regions.get(part.region)?;
+    let look = region.look_at(part.structure.as_deref());
+    let mut function = look.transfer_function.unwrap_or_else(|| object.transfer_function.clone());
+    if let Some(style) = &look.style {
+        function.nodes.iter_mut().for_each(|node| node.style.clone_from(style));
+    }
+    Some(function)
+}
+
+/// The transfer function to be edited: a part's own, made where it has none. It says all of the part's styles from then on.
+fn function_of<'a>(figure: &'a mut Template, of: &FunctionOf) -> Result<&'a mut TransferFunctionTemplate> {
+    let drawn = function_at(figure, of);
+    let object = object_of(figure, of.object)?;
+    let Some(part) = &of.part else { return Ok(&mut object.transfer_function) };
+    let region = region_of(&mut object.regions, part.region)?;
+    let Some(drawn) = drawn else { bail!("the object has no region number {}", part.region + 1) };
+    let look = match &part.structure {
+        None => &mut region.look,
+        Some(name) => {
+            let place = region.structures.iter().position(|s| s.structure == *name).unwrap_or_else(|| {
+                let (structure, look) = (name.clone(), LookTemplate::default());
+                region.structures.push(StructureTemplate { structure, look, extra: serde_json::Map::new() });
+                region.structures.len() - 1
+            });
+            &mut region.structures[place].look
+        }
+    };
+    look.style = None;
+    Ok(look.transfer_function.insert(drawn))
 }
 
 fn node_of(nodes: &mut [NodeTemplate], node: usize) -> Result<&mut NodeTemplate> {

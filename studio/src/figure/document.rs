@@ -213,7 +213,11 @@ impl Document {
 
 /// What a figure takes beside the next, near enough.
 fn size(figure: &Template, next: &Template) -> usize {
-    let nodes: usize = figure.objects.iter().map(|o| o.transfer_function.nodes.len()).sum();
+    let regions = || figure.objects.iter().flat_map(|o| &o.regions);
+    let looks = || regions().flat_map(|r| std::iter::once(&r.look).chain(r.structures.iter().map(|s| &s.look)));
+    let functions = looks().filter_map(|look| look.transfer_function.as_ref());
+    let nodes: usize =
+        figure.objects.iter().map(|o| &o.transfer_function).chain(functions).map(|f| f.nodes.len()).sum();
     let painted = |figure: &'_ Template| {
         let slots = figure.selections.iter().filter_map(|s| Some((s.name.clone(), s.voxels.clone()?)));
         slots.collect::<Vec<_>>()
@@ -223,7 +227,7 @@ fn size(figure: &Template, next: &Template) -> usize {
         Some((_, other)) => voxels.unshared_bytes(other),
         None => voxels.selection().num_bytes(),
     };
-    2048 + 256 * nodes + painted(figure).into_iter().map(own).sum::<usize>()
+    2048 + 256 * (nodes + looks().count()) + painted(figure).into_iter().map(own).sum::<usize>()
 }
 
 #[cfg(test)]
@@ -233,6 +237,7 @@ mod tests {
     use glam::DAffine3;
 
     use super::*;
+    use crate::figure::command::{Chosen, FunctionOf, function_at};
     use crate::figure::template::{
         Background, LookTemplate, NodeTemplate, ProjectionName, QualityName, RegionTemplate, RestTemplate,
         SelectionSlot, Tint, VolumeSlot,
@@ -240,6 +245,10 @@ mod tests {
 
     fn figure() -> Template {
         Template::parse(include_str!("../../../templates/head_glass.json")).unwrap()
+    }
+
+    fn part(region: usize, structure: Option<&str>) -> FunctionOf {
+        FunctionOf { object: 0, part: Some(Chosen { region, structure: structure.map(str::to_owned) }) }
     }
 
     fn camera(document: &Document, height: f64) -> Command {
@@ -294,11 +303,13 @@ mod tests {
         let node = NodeTemplate { at: f64::NAN, style: "bone".to_owned(), opacity: 0.5, extra: Default::default() };
         let camera = crate::figure::template::CameraTemplate { fov_deg: f64::NAN, ..figure().camera };
         for bad in [
-            Command::MoveNode { object: 0, node: 99, at: 1.0, opacity: 0.5 },
-            Command::MoveNode { object: 0, node: 0, at: f64::NAN, opacity: 0.5 },
-            Command::MoveNode { object: 7, node: 0, at: 1.0, opacity: 0.5 },
-            Command::InsertNode { object: 0, node },
-            Command::RemoveNode { object: 0, node: 99 },
+            Command::MoveNode { of: FunctionOf::object(0), node: 99, at: 1.0, opacity: 0.5 },
+            Command::MoveNode { of: FunctionOf::object(0), node: 0, at: f64::NAN, opacity: 0.5 },
+            Command::MoveNode { of: FunctionOf::object(7), node: 0, at: 1.0, opacity: 0.5 },
+            Command::InsertNode { of: FunctionOf::object(0), node },
+            Command::RemoveNode { of: FunctionOf::object(0), node: 99 },
+            Command::MoveNode { of: part(0, None), node: 0, at: 1.0, opacity: 0.5 },
+            Command::RemoveNode { of: part(3, Some("liver")), node: 0 },
             Command::SetGradientScale { object: 0, scale_mm: Some(-1.0) },
             Command::SetCamera(camera),
             Command::SetPage(crate::figure::template::Page { width_mm: 0.0, ..figure().figure }),
@@ -308,6 +319,40 @@ mod tests {
             assert_eq!(**document.figure(), figure(), "{bad:?}");
         }
         assert!(document.undo_label().is_none());
+    }
+
+    #[test]
+    fn a_part_gets_its_own_function_at_its_first_edit_in_the_same_step() {
+        let mut document = Document::new(figure());
+        let volume = figure().volumes[0].name.clone();
+        let slot = SelectionSlot::new("organs", &volume, "labels.nii.gz".to_owned());
+        let mut region = RegionTemplate::of("organs", None);
+        region.look.style = Some("wax".to_owned());
+        document.apply(Command::AddSelections { object: 0, slot, region }).unwrap();
+        let objects = figure().objects[0].transfer_function.clone();
+        let liver = part(0, Some("liver"));
+        // As it looks: the object's curve in the group's style.
+        let before = function_at(document.figure(), &liver).unwrap();
+        assert!(before.nodes.iter().all(|n| n.style == "wax") && before.nodes.len() == objects.nodes.len());
+        document
+            .apply(Command::MoveNode { of: liver.clone(), node: 0, at: objects.nodes[0].at, opacity: 0.33 })
+            .unwrap();
+        let mut expected = before.clone();
+        expected.nodes[0].opacity = 0.33;
+        assert_eq!(function_at(document.figure(), &liver).unwrap(), expected);
+        assert!(document.undo_label().is_some_and(|label| label.ends_with(" (liver)")));
+        // Nobody else's changed; its styles are its own from now on.
+        assert_eq!(document.figure().objects[0].transfer_function, objects);
+        assert_eq!(function_at(document.figure(), &part(0, Some("spleen"))).unwrap(), before);
+        document.apply(Command::SetStyle { of: liver.clone(), nodes: 0..1, style: "clay".to_owned() }).unwrap();
+        assert_eq!(function_at(document.figure(), &liver).unwrap().nodes[0].style, "clay");
+        document.undo();
+        document.undo();
+        assert!(document.figure().objects[0].regions[0].structures.is_empty());
+        // Of the group itself: all that have none of their own.
+        document.apply(Command::RemoveNode { of: part(0, None), node: 0 }).unwrap();
+        assert_eq!(function_at(document.figure(), &liver).unwrap().nodes.len(), objects.nodes.len() - 1);
+        assert!(document.figure().objects[0].regions[0].look.style.is_none());
     }
 
     #[test]
@@ -398,13 +443,16 @@ mod tests {
         fn command(&mut self, document: &Document) -> Command {
             let node = self.below(9);
             let object = usize::from(self.below(20) == 0);
+            let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
+            let part = (self.below(2) == 0).then(|| Chosen { region: self.below(2), structure });
+            let of = FunctionOf { object, part };
             match self.below(22) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
                 3 => Command::SetQuality([QualityName::Draft, QualityName::Final][self.below(2)]),
                 4 => Command::InsertNode {
-                    object,
+                    of,
                     node: NodeTemplate {
                         at: self.number(),
                         style: "wax".to_owned(),
@@ -412,14 +460,14 @@ mod tests {
                         extra: Default::default(),
                     },
                 },
-                5 => Command::RemoveNode { object, node },
-                6 => Command::SetStyle { object, nodes: node..node + self.below(3), style: "clay".to_owned() },
+                5 => Command::RemoveNode { of, node },
+                6 => Command::SetStyle { of, nodes: node..node + self.below(3), style: "clay".to_owned() },
                 7 => Command::SetGradientScale { object, scale_mm: Some(self.number()) },
                 8 => Command::SetPage(crate::figure::template::Page {
                     width_mm: self.number(),
                     ..document.figure().figure.clone()
                 }),
-                9 => Command::SetReferenceLength { object, length_mm: Some(self.number()) },
+                9 => Command::SetReferenceLength { of, length_mm: Some(self.number()) },
                 10 => Command::SetName { object, name: ["", "Skull"][self.below(2)].to_owned() },
                 11 => Command::SetVisible { object, visible: self.below(2) == 0 },
                 12 => {
@@ -428,7 +476,7 @@ mod tests {
                 }
                 13 => {
                     let shipped = Template::parse(include_str!("../../../templates/head_xray.json")).unwrap();
-                    Command::SetTransferFunction { object, function: shipped.objects[0].transfer_function.clone() }
+                    Command::SetTransferFunction { of, function: shipped.objects[0].transfer_function.clone() }
                 }
                 14 => {
                     let volume =
@@ -463,7 +511,7 @@ mod tests {
                     let rest = RestTemplate { visible: self.below(2) == 0, ..RestTemplate::default() };
                     Command::SetRest { object, rest }
                 }
-                _ => Command::MoveNode { object, node, at: self.number(), opacity: self.number() },
+                _ => Command::MoveNode { of, node, at: self.number(), opacity: self.number() },
             }
         }
     }
@@ -496,10 +544,18 @@ mod tests {
         }
     }
 
+    /// Whether it changes the function of a part: a structure in a group, or the region itself.
+    fn part_kind(command: &Command) -> Option<usize> {
+        let part = command.whose_function()?.part.as_ref()?;
+        Some(2 * kind(command) + usize::from(part.structure.is_some()))
+    }
+
     #[test]
     fn a_random_walk_keeps_the_figure_whole_and_can_be_undone_to_its_first_byte() {
         let first = figure().to_json().unwrap();
         let mut done = [0; 22];
+        // Each kind that edits a function, on regions and on structures as well.
+        let mut done_on_parts = [0; 44];
         for seed in 0..20 {
             let mut dice = Dice(seed);
             let mut document = Document::new(figure());
@@ -513,10 +569,13 @@ mod tests {
                     4 => document.abort(),
                     _ => {
                         let command = dice.command(&document);
-                        let kind = kind(&command);
+                        let (kind, part_kind) = (kind(&command), part_kind(&command));
                         let outcome = document.apply(command);
                         refused += usize::from(outcome.is_err());
                         done[kind] += usize::from(outcome.is_ok());
+                        if let (Some(kind), true) = (part_kind, outcome.is_ok()) {
+                            done_on_parts[kind] += 1;
+                        }
                     }
                 }
                 // What can be edited can be saved and read again, and says the same.
@@ -538,5 +597,8 @@ mod tests {
             assert_eq!(document.figure().to_json().unwrap(), last, "seed {seed}");
         }
         assert!(done.iter().all(|n| *n > 0), "never done: {done:?}");
+        for kind in [6, 7, 8, 9, 10, 12] {
+            assert!(done_on_parts[2 * kind] > 0 && done_on_parts[2 * kind + 1] > 0, "{kind}: {done_on_parts:?}");
+        }
     }
 }

@@ -158,6 +158,9 @@ impl Editor {
                     why.map(|why| label.on_hover_text(why_marked(why)));
                     let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
                     let named = open.chosen_volume().and_then(|v| structures_at(v, under.position_mm));
+                    let region = self.viewport.region_under().filter(|_| self.slices.under().is_none());
+                    let region = region.and_then(|number| open.part_at(number));
+                    let unit = region.map_or(unit.to_owned(), |(.., s)| format!("{unit}, {}", s.label.name));
                     ui.label(match named {
                         Some(named) => named,
                         None if under.value.is_nan() => "no value".to_owned(),

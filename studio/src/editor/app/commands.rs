@@ -38,11 +38,7 @@ impl Editor {
                 Some("Choose a node of the transfer function first")
             }
             UiCommand::RemoveNode
-                if self
-                    .open
-                    .as_ref()
-                    .and_then(OpenFigure::chosen)
-                    .is_some_and(|o| o.transfer_function.nodes.len() == 1) =>
+                if self.open.as_ref().and_then(OpenFigure::function).is_some_and(|f| f.nodes.len() == 1) =>
             {
                 Some("A transfer function needs one node at least")
             }
@@ -52,7 +48,9 @@ impl Editor {
             UiCommand::Rename | UiCommand::ShowHide if self.open.as_ref().is_some_and(|o| o.chosen().is_none()) => {
                 Some("The figure has no object")
             }
-            UiCommand::AddSelections if self.open.as_ref().is_some_and(|o| o.chosen_volume().is_none()) => {
+            UiCommand::AddSelections | UiCommand::AddMasks
+                if self.open.as_ref().is_some_and(|o| o.chosen_volume().is_none()) =>
+            {
                 Some("The object has no volume")
             }
             c if c.menu() == "Selection" && self.tools.progress().is_some() => Some("Another edit is under way"),
@@ -104,7 +102,7 @@ impl Editor {
             }
             C::RemoveNode => {
                 let Some(node) = open.node.take() else { return true };
-                Command::RemoveNode { object: open.object, node }
+                Command::RemoveNode { of: open.function_of(), node }
             }
             C::InsertNode => {
                 curve::insert_after_chosen(open);
@@ -129,6 +127,7 @@ impl Editor {
                 self.ask_for_path(ctx, Purpose::Volume(slot));
             }
             C::AddSelections => self.ask_for_path(ctx, Purpose::Selections),
+            C::AddMasks => self.ask_for_path(ctx, Purpose::Masks),
             C::ReadOtherwise => {
                 let chosen = self.open.as_ref().and_then(OpenFigure::chosen_slot).unwrap_or(0);
                 self.ask_how_to_read(ctx, chosen);
@@ -260,7 +259,7 @@ impl Editor {
                 self.save_to(ctx, &dialogs::saved_as(&path));
             }
             Purpose::Volume(slot) => self.fill(ctx, slot, &path),
-            Purpose::Selections => self.add_selections(ctx, &path),
+            Purpose::Selections | Purpose::Masks => self.add_selections(ctx, &path),
         }
     }
 
@@ -337,8 +336,13 @@ impl Editor {
                 self.after_saving = Some(then);
                 self.save(ctx);
             }
-            (Some(Choice::Other), Dialog::Dropped(paths)) => self.guarded(ctx, Then::Open(paths)),
-            (Some(_), Dialog::Dropped(paths)) => {
+            (Some(Choice::Selections), Dialog::Dropped(paths, _)) => {
+                if let Some(path) = paths.first() {
+                    self.add_selections(ctx, path);
+                }
+            }
+            (Some(Choice::Other), Dialog::Dropped(paths, _)) => self.guarded(ctx, Then::Open(paths)),
+            (Some(_), Dialog::Dropped(paths, _)) => {
                 if let Some(path) = paths.first() {
                     self.fill(ctx, 0, path);
                 }

@@ -362,7 +362,8 @@ impl Editor {
         }
         // A volume on an open figure may be meant for it.
         if self.open.is_some() && paths.len() == 1 && !paths.iter().any(|p| files::is_template(p)) {
-            self.dialog = Some(Dialog::Dropped(paths));
+            let has_volume = self.open.as_ref().is_some_and(|open| open.chosen_volume().is_some());
+            self.dialog = Some(Dialog::Dropped(paths, has_volume));
         } else {
             self.guarded(ctx, Then::Open(paths));
         }

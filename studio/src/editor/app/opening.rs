@@ -19,6 +19,7 @@ use super::super::volume_choice::VolumeChoice;
 use super::super::wording;
 use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
+use crate::figure::command::FunctionOf;
 use crate::figure::shipped::SHIPPED;
 use crate::figure::sources::Sources;
 use crate::figure::template::{Domain, ObjectTemplate, SelectionSlot, VolumeSlot};
@@ -337,7 +338,10 @@ fn use_volume(open: &mut OpenFigure, number: usize, slot: VolumeSlot, look: Opti
     let objects = open.document.figure().objects.iter().map(|o| o.volume == slot.name).collect::<Vec<_>>();
     open.document.begin();
     for object in (0..objects.len()).filter(|i| objects[*i]) {
-        open.edit(Command::SetTransferFunction { object, function: look.transfer_function.clone() });
+        open.edit(Command::SetTransferFunction {
+            of: FunctionOf::object(object),
+            function: look.transfer_function.clone(),
+        });
         open.edit(Command::SetGradientScale { object, scale_mm: look.gradient_scale_mm });
     }
     open.edit(command);

@@ -7,6 +7,7 @@ use fabrica_engine::volume::{Modality, Volume};
 
 use super::super::open_figure::OpenFigure;
 use crate::figure::Command;
+use crate::figure::command::{FunctionOf, function_at};
 use crate::figure::template::{Domain, NodeTemplate, TransferFunctionTemplate};
 
 /// Between a node's position, as its domain counts it, and data values.
@@ -125,13 +126,12 @@ pub fn node_on_curve(
     }
 }
 
-/// Puts a node into the curve of the chosen object at a data value, and chooses it. Without a style and an opacity of its own
+/// Puts a node into the curve that is worked on at a data value, and chooses it. Without a style and an opacity of its own
 /// it changes nothing of the picture.
 pub fn insert_node(open: &mut OpenFigure, value: f64, resolution: f64, style: Option<String>, opacity: Option<f64>) {
-    let Some(object) = open.chosen() else { return };
+    let Some(function) = open.function() else { return };
     let statistics = statistics_of(open.chosen_volume().map(|v| &**v));
-    let function = &object.transfer_function;
-    let mut node = node_on_curve(Positions::new(function, statistics), function, value, resolution);
+    let mut node = node_on_curve(Positions::new(&function, statistics), &function, value, resolution);
     if let Some(style) = style {
         node.style = style;
     }
@@ -139,7 +139,7 @@ pub fn insert_node(open: &mut OpenFigure, value: f64, resolution: f64, style: Op
         node.opacity = round_to(opacity, 0.01);
     }
     let place = function.nodes.partition_point(|n| n.at <= node.at);
-    open.edit(Command::InsertNode { object: open.object, node });
+    open.edit(Command::InsertNode { of: open.function_of(), node });
     if open.fault.is_none() {
         open.node = Some(place);
     }
@@ -147,9 +147,9 @@ pub fn insert_node(open: &mut OpenFigure, value: f64, resolution: f64, style: Op
 
 /// Puts a node half way from the chosen one to the next (beyond the last: as far on as the range is wide, a tenth of it).
 pub fn insert_after_chosen(open: &mut OpenFigure) {
-    let (Some(object), Some(number)) = (open.chosen(), open.node) else { return };
-    let positions = Positions::new(&object.transfer_function, statistics_of(open.chosen_volume().map(|v| &**v)));
-    let values: Vec<f64> = object.transfer_function.nodes.iter().map(|n| positions.value(n.at)).collect();
+    let (Some(function), Some(number)) = (open.function(), open.node) else { return };
+    let positions = Positions::new(&function, statistics_of(open.chosen_volume().map(|v| &**v)));
+    let values: Vec<f64> = function.nodes.iter().map(|n| positions.value(n.at)).collect();
     let width = (values[values.len() - 1] - values[0]).max(1.0);
     let value = values.get(number + 1).map_or(values[number] + 0.1 * width, |next| 0.5 * (values[number] + next));
     insert_node(open, value, 1e-3 * width, None, None);
@@ -167,11 +167,11 @@ pub fn materials(nodes: &[NodeTemplate]) -> Vec<Range<usize>> {
     runs
 }
 
-/// Dresses the material that a node of the chosen object is of.
-pub fn dress_material(open: &mut OpenFigure, node: usize, style: &str) {
-    let Some(object) = open.chosen() else { return };
-    if let Some(nodes) = materials(&object.transfer_function.nodes).into_iter().find(|run| run.contains(&node)) {
-        open.edit(Command::SetStyle { object: open.object, nodes, style: style.to_owned() });
+/// Dresses the material that a node of a transfer function is of.
+pub fn dress_material(open: &mut OpenFigure, of: FunctionOf, node: usize, style: &str) {
+    let Some(function) = function_at(open.document.figure(), &of) else { return };
+    if let Some(nodes) = materials(&function.nodes).into_iter().find(|run| run.contains(&node)) {
+        open.edit(Command::SetStyle { of, nodes, style: style.to_owned() });
     }
 }
 

@@ -1,7 +1,15 @@
 //! How many voxels have which value, as a curve to look at.
 
+use std::sync::Arc;
+
+use eframe::egui::Context;
+use fabrica_engine::Progress;
+use fabrica_engine::selection::{Selection, Structure};
 use fabrica_engine::volume::statistics::Statistics;
 use fabrica_engine::volume::{Volume, Voxels};
+
+use super::super::files::Job;
+use super::super::open_figure::OpenFigure;
 
 /// The highest that the curve goes: a little room is left above.
 const TOP: f64 = 0.96;
@@ -21,7 +29,11 @@ pub struct Histogram {
 impl Histogram {
     /// Of a volume's values. Where they are so few integers that bins would be empty between them, a bin for each.
     pub fn of(volume: &Volume, statistics: &Statistics) -> Self {
-        let bins = &statistics.histogram;
+        Self::from_bins(volume, statistics, &statistics.histogram)
+    }
+
+    /// Of as many bins as the volume's histogram has, of some of its values.
+    fn from_bins(volume: &Volume, statistics: &Statistics, bins: &[u64]) -> Self {
         let range = statistics.max - statistics.min;
         let is_integer = !matches!(volume.voxels, Voxels::F32(_) | Voxels::F64(_));
         let num_steps = (range / volume.rescale.slope.abs()).round() as usize;
@@ -34,7 +46,7 @@ impl Histogram {
             (statistics.min, volume.rescale.slope.abs(), counts)
         } else {
             let width = range / bins.len() as f64;
-            (statistics.min + 0.5 * width, width, bins.clone())
+            (statistics.min + 0.5 * width, width, bins.to_vec())
         };
         let most = counts.iter().copied().max().unwrap_or(0);
         // All of a bin must be above.
@@ -61,9 +73,54 @@ impl Histogram {
     }
 }
 
+/// The values inside what is chosen, counted on a thread.
+#[derive(Default)]
+pub struct Inside {
+    /// What is counted, or was: the volume, the structures' slot and their names.
+    of: Option<(Arc<Volume>, Vec<Selection>)>,
+    counting: Option<Job<Vec<u64>>>,
+    counted: Option<Histogram>,
+}
+
+impl Inside {
+    /// The histogram of what is chosen now, as soon as it is counted; none where nothing is.
+    pub fn of_chosen(&mut self, ctx: &Context, open: &OpenFigure) -> Option<&Histogram> {
+        let chosen = open.chosen_selections();
+        let Some(volume) = open.chosen_volume().filter(|_| !chosen.is_empty()) else {
+            *self = Self::default();
+            return None;
+        };
+        let statistics = volume.known_statistics()?;
+        let is_same = |(of, selections): &(Arc<Volume>, Vec<Selection>)| {
+            let same = |(a, b): (&Selection, &&Structure)| a.is_copy_of(&b.selection);
+            Arc::ptr_eq(of, volume) && selections.len() == chosen.len() && selections.iter().zip(&chosen).all(same)
+        };
+        if !self.of.as_ref().is_some_and(is_same) {
+            let selections: Vec<Selection> = chosen.iter().map(|s| s.selection.clone()).collect();
+            self.of = Some((volume.clone(), selections.clone()));
+            self.counted = None;
+            let (volume, ctx) = (volume.clone(), ctx.clone());
+            let (range, num_bins) = ((statistics.min, statistics.max), statistics.histogram.len());
+            let count = move |_: &Progress| {
+                let mut counts = vec![0; num_bins];
+                for selection in &selections {
+                    let own = selection.histogram_of(&volume, range, num_bins);
+                    counts.iter_mut().zip(own).for_each(|(sum, n)| *sum += n);
+                }
+                Ok(counts)
+            };
+            self.counting = Some(Job::start("Histogram".to_owned(), move || ctx.request_repaint(), count));
+        }
+        if let Some(Ok(counts)) = self.counting.as_ref().and_then(Job::finished) {
+            self.counting = None;
+            self.counted = Some(Histogram::from_bins(volume, statistics, &counts));
+        }
+        self.counted.as_ref()
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use fabrica_engine::Progress;
     use fabrica_engine::spaces::Grid;
     use fabrica_engine::volume::Rescale;
     use glam::DAffine3;

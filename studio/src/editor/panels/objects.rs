@@ -11,10 +11,27 @@ use crate::figure::Command;
 /// The panel. `renaming` is the object whose name is typed, with what is typed so far.
 pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, renaming: &mut Option<(usize, String)>) {
     ui.label(theme::heading("Objects"));
+    // The properties below want their place, too.
+    let height = (0.58 * ui.available_height()).max(160.0);
+    let area = egui::ScrollArea::vertical().id_salt("objects").max_height(height);
+    area.show(ui, |ui| rows(ui, open, gallery, renaming, (height - LIST_SURROUNDINGS).max(90.0)));
+    open.reveals_region = false;
+}
+
+/// What is above and below a list of structures: its object, its group, its search and the rest.
+const LIST_SURROUNDINGS: f32 = 170.0;
+
+fn rows(
+    ui: &mut Ui,
+    open: &mut OpenFigure,
+    gallery: &Gallery,
+    renaming: &mut Option<(usize, String)>,
+    list_height: f32,
+) {
     let objects = open.document.figure().objects.clone();
     for (i, object) in objects.iter().enumerate() {
         let tokens = theme::tokens(ui.ctx());
-        let fill = if i == open.object { tokens.selected } else { tokens.panel };
+        let fill = if i == open.object && open.chosen_region().is_none() { tokens.selected } else { tokens.panel };
         egui::Frame::new().fill(fill).corner_radius(4).inner_margin(4).show(ui, |ui| {
             ui.horizontal(|ui| {
                 let label = if object.visible { "Hide object" } else { "Show object" };
@@ -30,7 +47,7 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, renaming: &mu
                 name(ui, open, i, object.title(), object.visible, renaming);
             });
         });
-        regions::list(ui, open, i);
+        regions::list(ui, open, i, list_height);
     }
 }
 
@@ -87,7 +104,7 @@ fn name(
     let text = if visible { text } else { text.color(theme::tokens(ui.ctx()).dim) };
     let width = ui.available_width();
     let label = egui::Button::new(text).frame(false).right_text("").min_size(Vec2::new(width, 22.0)).truncate();
-    let response = ui.add(label).on_hover_text("Double-click or F2: rename");
+    let response = ui.add(label).accessible_name(title).on_hover_text("Double-click or F2: rename");
     if response.clicked() {
         open.choose(object, None);
     }

@@ -56,8 +56,7 @@ impl Plot {
 }
 
 /// The histogram.
-pub fn paint_histogram(painter: &egui::Painter, plot: Plot, histogram: &Histogram, logarithmic: bool, tokens: Tokens) {
-    let color = tokens.border.gamma_multiply(0.45);
+pub fn paint_histogram(painter: &egui::Painter, plot: Plot, histogram: &Histogram, logarithmic: bool, color: Color32) {
     paint_below(painter, plot, |value| (histogram.height(value, logarithmic), color));
 }
 

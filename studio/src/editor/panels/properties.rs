@@ -107,15 +107,16 @@ fn appearance(ui: &mut Ui, open: &mut OpenFigure) {
     let Some(object) = open.chosen().cloned() else { return };
     let voxel = open.chosen_volume().map_or(1.0, |v| v.grid.spacing_mm().min_element());
     let index = open.object;
-    let function = &object.transfer_function;
+    let Some(function) = open.function() else { return };
+    let of = open.function_of();
     let mut length = function.reference_length_mm.unwrap_or(voxel);
     let tooltip =
         "The length of material that the opacities are stated for. Longer: the figure becomes more transparent";
     let response = number(ui, "Opacity is per", tooltip, &mut length, " mm", 0.01 * voxel);
-    let longest = Command::SetReferenceLength { object: index, length_mm: Some(length.max(1e-6)) };
+    let longest = Command::SetReferenceLength { of: of.clone(), length_mm: Some(length.max(1e-6)) };
     open.edit_by(&response, response.changed().then_some(longest));
     reset(&response, function.reference_length_mm.is_some())
-        .then(|| open.edit(Command::SetReferenceLength { object: index, length_mm: None }));
+        .then(|| open.edit(Command::SetReferenceLength { of, length_mm: None }));
     let mut scale = object.gradient_scale_mm.unwrap_or(voxel);
     let tooltip = "How far the shading is smoothed: more for noisy or coarse scans. 0: not at all";
     let response = number(ui, "Smooth shading", tooltip, &mut scale, " mm", 0.01 * voxel);

@@ -6,6 +6,7 @@ use super::super::gallery::{DraggedStyle, Gallery};
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::curve::dress_material;
+use super::regions::dress;
 
 /// A cell: a sphere with its name below.
 const CELL: Vec2 = Vec2::new(66.0, 62.0);
@@ -19,9 +20,8 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut 
         ui.add(field).accessible_name("Find a style");
     });
     let wanted = search.to_lowercase();
-    let nodes = open.chosen().map_or(&[][..], |o| &o.transfer_function.nodes);
     let mut used: Vec<String> = Vec::new();
-    for node in nodes {
+    for node in open.function().into_iter().flat_map(|function| function.nodes) {
         if !used.contains(&node.style) {
             used.push(node.style.clone());
         }
@@ -82,10 +82,12 @@ fn cell(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, group: &str, name
     let response = ui.interact(rect, Id::unique(("style", group, name)), Sense::click_and_drag());
     let title = gallery.title(name).to_owned();
     response.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Style {title}")));
-    if response.clicked()
-        && let Some(node) = open.node
-    {
-        dress_material(open, node, name);
+    if response.clicked() {
+        match (open.node, open.chosen_region().cloned()) {
+            (Some(node), _) => dress_material(open, open.function_of(), node, name),
+            (None, Some(part)) => dress(open, open.object, &part, name),
+            (None, None) => {}
+        }
     }
     let tokens = theme::tokens(ui.ctx());
     let center = Pos2::new(rect.center().x, rect.top() + SPHERE + 3.0);
@@ -98,8 +100,13 @@ fn cell(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, group: &str, name
     ui.painter().text(Pos2::new(center.x, rect.bottom() - 4.0), Align2::CENTER_BOTTOM, text, font, tokens.dim);
     if !response.dragged() {
         let described = gallery.library().info(name).map_or(String::new(), |i| i.description.clone());
-        let how = if open.node.is_some() { "Click dresses the chosen material; or drag it" } else { "Drag it" };
-        return response.on_hover_text(format!("{title}. {described}\n{how} onto a node, a sphere or the picture."));
+        let how = match (open.node, open.chosen_region()) {
+            (Some(_), _) => "Click dresses the chosen material; or drag it",
+            (None, Some(_)) => "Click dresses the chosen region; or drag it",
+            (None, None) => "Drag it",
+        };
+        return response
+            .on_hover_text(format!("{title}. {described}\n{how} onto a node, a sphere, a region or the picture."));
     }
     response
 }

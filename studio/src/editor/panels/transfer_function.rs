@@ -13,13 +13,13 @@ use super::super::gallery::{DraggedStyle, Gallery};
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::curve::{Positions, insert_node, materials, round_to, statistics_of, whole_range};
-use super::histogram::Histogram;
+use super::histogram::{Histogram, Inside};
 use super::plot::{Plot, paint_axis, paint_curve, paint_histogram, paint_note, paint_tints};
 use crate::figure::Command;
-use crate::figure::template::NodeTemplate;
+use crate::figure::command::Chosen;
+use crate::figure::template::{LookTemplate, NodeTemplate};
 
 /// How the panel is looked at; no part of the figure.
-#[derive(Clone, Debug, PartialEq)]
 pub struct FunctionView {
     /// Whether the histogram's counts are shown as their logarithms.
     pub logarithmic: bool,
@@ -29,13 +29,15 @@ pub struct FunctionView {
     pub marked: Option<f64>,
     /// The node whose material a style that is carried over the picture would dress.
     pub aimed: Option<usize>,
+    /// The values inside what is chosen.
+    inside: Inside,
     /// A node that is dragged: value and opacity before they are rounded, and where the pointer was.
     dragged: Option<(f64, f64, Pos2)>,
 }
 
 impl Default for FunctionView {
     fn default() -> Self {
-        Self { logarithmic: true, range: None, marked: None, aimed: None, dragged: None }
+        Self { logarithmic: true, range: None, marked: None, aimed: None, inside: Inside::default(), dragged: None }
     }
 }
 
@@ -58,15 +60,14 @@ const FINE: f64 = 0.1;
 
 /// The panel.
 pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut FunctionView) {
-    let Some(object) = open.chosen().cloned() else {
+    let Some(function) = open.function() else {
         ui.label("The figure has no object.");
         return;
     };
     let volume = open.chosen_volume().cloned();
     let volume = volume.as_deref();
     let statistics = statistics_of(volume);
-    let function = &object.transfer_function;
-    let positions = Positions::new(function, statistics);
+    let positions = Positions::new(&function, statistics);
     // Whatever the fields above need: the plot has the panel's width.
     let width = ui.max_rect();
     header(ui, open, gallery, view, positions, volume);
@@ -97,7 +98,16 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut Fu
     let painter = ui.painter_at(area);
     painter.rect_filled(rect, 2.0, tokens.field);
     if let Some((volume, statistics)) = volume.zip(statistics) {
-        paint_histogram(&painter, plot, &Histogram::of(volume, statistics), view.logarithmic, tokens);
+        paint_histogram(
+            &painter,
+            plot,
+            &Histogram::of(volume, statistics),
+            view.logarithmic,
+            tokens.border.gamma_multiply(0.45),
+        );
+        if let Some(inside) = view.inside.of_chosen(ui.ctx(), open) {
+            paint_histogram(&painter, plot, inside, view.logarithmic, tokens.accent.gamma_multiply(0.4));
+        }
     }
     paint_tints(&painter, plot, &values, &function.nodes, gallery);
     paint_axis(&painter, plot, volume, tokens);
@@ -138,7 +148,7 @@ fn header(
             view.logarithmic = true;
         }
         ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
-            ui.label(theme::heading("Transfer function"));
+            title(ui, open, wide);
             if wide {
                 chosen_node(ui, open, gallery, positions, volume);
             }
@@ -146,6 +156,45 @@ fn header(
     });
     if !wide && open.node.is_some() {
         ui.horizontal_wrapped(|ui| chosen_node(ui, open, gallery, positions, volume));
+    }
+}
+
+/// Whose function it is, and how a part's comes to be the object's again.
+fn title(ui: &mut Ui, open: &mut OpenFigure, wide: bool) {
+    let Some(chosen) = open.chosen_region().cloned() else {
+        ui.label(theme::heading("Transfer function"));
+        return;
+    };
+    let Some(region) = open.chosen().and_then(|o| o.regions.get(chosen.region)).cloned() else { return };
+    let name = chosen.structure.clone().unwrap_or_else(|| region.title().to_owned());
+    let is_own = open.has_own_function();
+    let around = match chosen.structure {
+        Some(_) if region.look.transfer_function.is_some() => "the group's",
+        _ => "the object's",
+    };
+    let why = if is_own {
+        format!("{name} has a transfer function of its own")
+    } else {
+        format!("{name} looks as its surroundings: its first edit makes a copy of {around} for it")
+    };
+    ui.scope(|ui| {
+        ui.set_max_width(if wide { 0.34 } else { 0.5 } * ui.available_width());
+        // What tells one from another comes first: the end may not have room.
+        let text = theme::heading(&format!("{name}: transfer function"));
+        ui.add(egui::Label::new(text).truncate()).on_hover_text(why);
+    });
+    if !is_own {
+        if wide {
+            ui.label(theme::small(ui.ctx(), format!("(as {around})")));
+        }
+        return;
+    }
+    let back = ui.button(format!("Back to {around}")).on_hover_text("Takes its own transfer function away");
+    if back.clicked() {
+        let look = LookTemplate { transfer_function: None, ..region.own_look(chosen.structure.as_deref()) };
+        let Chosen { region, structure } = chosen;
+        open.edit(Command::SetLook { object: open.object, region, structure, look });
+        open.node = None;
     }
 }
 
@@ -157,7 +206,7 @@ fn chosen_node(
     positions: Positions<'_>,
     volume: Option<&Volume>,
 ) {
-    let nodes = open.chosen().map_or_else(Vec::new, |o| o.transfer_function.nodes.clone());
+    let nodes = open.function().map_or_else(Vec::new, |function| function.nodes);
     if let Some((n, node)) = open.node.and_then(|n| Some((n, nodes.get(n)?))) {
         node_fields(ui, open, gallery, positions, volume, n, node, nodes.len());
     } else {
@@ -177,7 +226,7 @@ fn node_fields(
     node: &NodeTemplate,
     num_nodes: usize,
 ) {
-    let object = open.object;
+    let of = open.function_of();
     ui.label(theme::small(ui.ctx(), format!("Node {}/{num_nodes}", number + 1)));
     let (mut at, mut percent) = (node.at, 100.0 * node.opacity);
     ui.label(theme::small(ui.ctx(), positions.name()));
@@ -188,7 +237,8 @@ fn node_fields(
     let response = ui.add(field.custom_parser(super::properties::parse_number)).accessible_name("Node value");
     let response =
         response.on_hover_text("Where the node is: data value, or percentile of what is above the background");
-    let command = response.changed().then_some(Command::MoveNode { object, node: number, at, opacity: node.opacity });
+    let command =
+        response.changed().then_some(Command::MoveNode { of: of.clone(), node: number, at, opacity: node.opacity });
     open.edit_by(&response, command);
     ui.label(theme::small(ui.ctx(), "opacity"));
     let field = DragValue::new(&mut percent).speed(0.5).range(0.0..=100.0).suffix(" %").max_decimals(1);
@@ -197,7 +247,7 @@ fn node_fields(
         .accessible_name("Node opacity");
     let response =
         response.on_hover_text("Opacity of one reference length of this material (Properties: Opacity is per)");
-    let moved = Command::MoveNode { object, node: number, at: node.at, opacity: percent / 100.0 };
+    let moved = Command::MoveNode { of: of.clone(), node: number, at: node.at, opacity: percent / 100.0 };
     open.edit_by(&response, response.changed().then_some(moved));
     let combo = ComboBox::from_id_salt("node style").selected_text(gallery.title(&node.style)).width(110.0);
     let mut chosen = None;
@@ -210,12 +260,12 @@ fn node_fields(
     });
     let _ = response.response.accessible_name("Node style");
     if let Some(style) = chosen {
-        open.edit(Command::SetStyle { object, nodes: number..number + 1, style });
+        open.edit(Command::SetStyle { of: of.clone(), nodes: number..number + 1, style });
     }
     let remove = ui.add_enabled(num_nodes > 1, egui::Button::new("Remove"));
     let why = "A transfer function needs one node at least";
     if remove.on_hover_text("Takes the node away (Delete)").on_disabled_hover_text(why).clicked() {
-        open.edit(Command::RemoveNode { object, node: number });
+        open.edit(Command::RemoveNode { of: of.clone(), node: number });
         open.node = None;
     }
 }
@@ -251,7 +301,7 @@ fn nodes(
 ) {
     let tokens = theme::tokens(ui.ctx());
     let painter = ui.painter().clone();
-    let object = open.object;
+    let of = open.function_of();
     for (i, node) in nodes.iter().enumerate() {
         let center = Pos2::new(plot.x(values[i]), plot.y(node.opacity));
         if !plot.spans(center.x) {
@@ -271,7 +321,7 @@ fn nodes(
             view.dragged = ui.input(|i| i.pointer.press_origin()).map(|from| (values[i], node.opacity, from));
             // The copy that goes along is the one on the side that the hand goes to.
             if ui.input(|i| i.modifiers.alt) {
-                open.edit(Command::InsertNode { object, node: node.clone() });
+                open.edit(Command::InsertNode { of: of.clone(), node: node.clone() });
                 if response.total_drag_delta().is_some_and(|d| d.x > 0.0) {
                     number = i + 1;
                     open.node = Some(number);
@@ -290,7 +340,7 @@ fn nodes(
             *opacity -= fine * f64::from(by.y / plot.rect.height());
             let at = positions.at(*value, fine * plot.resolution());
             let opacity = round_to(opacity.clamp(0.0, 1.0), 0.01 * fine);
-            open.edit(Command::MoveNode { object, node: number, at, opacity });
+            open.edit(Command::MoveNode { of: of.clone(), node: number, at, opacity });
             ui.ctx().set_cursor_icon(CursorIcon::Grabbing);
         }
         if response.drag_stopped() {
@@ -310,12 +360,12 @@ fn nodes(
         response.context_menu(|ui| {
             ui.set_min_width(140.0);
             if ui.add_enabled(nodes.len() > 1, egui::Button::new("Remove node")).clicked() {
-                open.edit(Command::RemoveNode { object, node: i });
+                open.edit(Command::RemoveNode { of: of.clone(), node: i });
                 open.node = None;
                 ui.close();
             }
             if ui.button("Duplicate node").clicked() {
-                open.edit(Command::InsertNode { object, node: node.clone() });
+                open.edit(Command::InsertNode { of: of.clone(), node: node.clone() });
                 open.node = Some(i + 1);
                 ui.close();
             }
@@ -417,11 +467,11 @@ fn drop_style(
         return;
     }
     let Some(style) = egui::DragAndDrop::take_payload::<DraggedStyle>(ui.ctx()).map(|s| s.0.clone()) else { return };
-    let object = open.object;
+    let of = open.function_of();
     if let Some(sphere) = sphere {
-        open.edit(Command::SetStyle { object, nodes: sphere.run.clone(), style });
+        open.edit(Command::SetStyle { of: of.clone(), nodes: sphere.run.clone(), style });
     } else if let Some(node) = node {
-        open.edit(Command::SetStyle { object, nodes: node..node + 1, style });
+        open.edit(Command::SetStyle { of: of.clone(), nodes: node..node + 1, style });
         open.node = Some(node);
     } else {
         insert_node(open, plot.value(pointer.x), plot.resolution(), Some(style), None);

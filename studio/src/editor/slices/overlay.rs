@@ -37,14 +37,11 @@ pub fn of(open: &OpenFigure, volume: &Volume) -> Vec<Overlay> {
         let slot = slots.iter().find(|slot| slot.name == region.selection)?;
         let selections = open.selections_of(slot)?.clone();
         let colors = selections.structures.iter().map(|structure| {
-            let id = structure.label.id.to_string();
-            let mut names = vec![structure.label.name.as_str(), &id];
-            names.extend(structure.label.code.as_deref());
-            if region.structure.as_ref().is_some_and(|wanted| !names.contains(&wanted.as_str())) {
+            if region.structure.as_ref().is_some_and(|wanted| !template::is_called(&structure.label, wanted)) {
                 return None;
             }
             let is_here = structure.selection.grid().dims() == volume.grid.dims();
-            is_here.then(|| match region.look_of(&names).tint {
+            is_here.then(|| match region.look_at(Some(&region.called(&structure.label))).tint {
                 Some(template::Tint::Color(color)) => color,
                 _ => structure.label.color,
             })

@@ -7,8 +7,8 @@ use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::labels::same_grid;
 
 use super::super::open_figure::OpenFigure;
-use super::super::panels::regions::Chosen;
 use crate::figure::Command;
+use crate::figure::command::Chosen;
 use crate::figure::template::{LookTemplate, ObjectTemplate, RegionTemplate, SelectionSlot, SelectionVoxels, Tint};
 
 /// Colors that most people tell apart: M. Okabe and K. Ito, *Color Universal Design* (2008), without black and with the

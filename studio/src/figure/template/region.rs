@@ -2,6 +2,7 @@
 
 use anyhow::{Result, bail};
 use fabrica_engine::selection::MOST_SIGMA;
+use fabrica_engine::volume::labels::Label;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -122,7 +123,8 @@ pub struct LookTemplate {
     /// The color that takes the place of the styles' own, lit as they are. Default: "own" in a group, "none" elsewhere.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tint: Option<Tint>,
-    /// Name of the style that takes the place of all of the transfer function's.
+    /// Name of the style that takes the place of all of the transfer function's. A group's does not where a structure has a
+    /// transfer function of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub style: Option<String>,
     /// Value → style and opacity.
@@ -181,14 +183,17 @@ impl LookTemplate {
         *self == Self::default()
     }
 
-    /// This look, and where it says nothing what `other` says.
+    /// This look, and where it says nothing what `other` says; a transfer function of its own has styles of its own.
     #[must_use]
     pub fn or(&self, other: &Self) -> Self {
         Self {
             visible: self.visible.or(other.visible),
             opacity: self.opacity.or(other.opacity),
             tint: self.tint.or(other.tint),
-            style: self.style.clone().or_else(|| other.style.clone()),
+            style: self.style.clone().or_else(|| match self.transfer_function {
+                Some(_) => None,
+                None => other.style.clone(),
+            }),
             transfer_function: self.transfer_function.clone().or_else(|| other.transfer_function.clone()),
             extra: self.extra.clone(),
         }
@@ -224,11 +229,30 @@ impl RegionTemplate {
         }
     }
 
-    /// The look of a structure in it that is called by any of `names`.
-    pub fn look_of(&self, names: &[&str]) -> LookTemplate {
-        let own = self.structures.iter().find(|s| names.contains(&s.structure.as_str()));
-        own.map_or_else(|| self.look.clone(), |own| own.look.or(&self.look))
+    /// What the template calls a structure of it: as it does already, else by its name.
+    pub fn called(&self, label: &Label) -> String {
+        let is_it = |s: &&StructureTemplate| is_called(label, &s.structure);
+        self.structures.iter().find(is_it).map_or_else(|| label.name.clone(), |s| s.structure.clone())
     }
+
+    /// The look of the region itself or, by the name that the template gives it, of a structure in it.
+    pub fn look_at(&self, structure: Option<&str>) -> LookTemplate {
+        match structure {
+            None => self.look.clone(),
+            Some(_) => self.own_look(structure).or(&self.look),
+        }
+    }
+
+    /// What is said of the region itself or of a structure in it, without what that has from its group.
+    pub fn own_look(&self, structure: Option<&str>) -> LookTemplate {
+        let Some(name) = structure else { return self.look.clone() };
+        self.structures.iter().find(|s| s.structure == name).map_or_else(LookTemplate::default, |s| s.look.clone())
+    }
+}
+
+/// Whether a structure has this name, code or number.
+pub fn is_called(label: &Label, name: &str) -> bool {
+    label.name == name || label.code.as_deref() == Some(name) || label.id.to_string() == name
 }
 
 /// Checks what the types cannot.
