@@ -296,7 +296,8 @@ impl ResidentRegions {
         let wide = self.format == wgpu::TextureFormat::R16Unorm;
         let texel = if wide { 2 } else { 1 };
         written.sort_unstable_by_key(|(slot, _)| *slot);
-        let in_row = |a: &(u32, Box<Block>), b: &(u32, Box<Block>)| b.0 == a.0 + 1 && b.0 as usize % SLOTS != 0;
+        let in_row =
+            |a: &(u32, Box<Block>), b: &(u32, Box<Block>)| b.0 == a.0 + 1 && !(b.0 as usize).is_multiple_of(SLOTS);
         for row in written.chunk_by(in_row) {
             let width = row.len() * SLOT_EDGE;
             let mut data = vec![0; width * SLOT_EDGE * SLOT_EDGE * texel];
@@ -382,12 +383,12 @@ impl ResidentRegions {
 /// A slot's place in the atlas as the shader reads it: 10 bits for each axis.
 fn packed(slot: u32) -> u32 {
     let n = SLOTS as u32;
-    slot % n | (slot / n % n) << 10 | (slot / (n * n)) << 20
+    (slot % n) | ((slot / n % n) << 10) | ((slot / (n * n)) << 20)
 }
 
 fn unpacked(place: u32) -> u32 {
     let n = SLOTS as u32;
-    (place & 1023) + n * ((place >> 10 & 1023) + n * (place >> 20))
+    (place & 1023) + n * (((place >> 10) & 1023) + n * (place >> 20))
 }
 
 /// A brick's place and those around it, within `size`.
