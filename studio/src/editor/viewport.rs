@@ -543,7 +543,7 @@ impl Viewport {
             });
         });
         if chooses {
-            open.choose(of.object, of.part.clone());
+            open.choose(of.object, of.part);
             open.node = Some(node);
             open.reveals_region = true;
             ui.ctx().request_repaint();

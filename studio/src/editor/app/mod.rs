@@ -86,6 +86,9 @@ struct Layout {
     pictures: Pictures,
 }
 
+/// Selections on their way.
+type Selecting = (Job<Arc<Selections>>, SelectionSlot, Arc<Volume>, Option<Command>);
+
 /// The editor: the state behind the window.
 pub struct Editor {
     painter: Painter,
@@ -105,7 +108,7 @@ pub struct Editor {
     /// A volume on its way into a slot; whether that is an edit, or only brings what the figure names.
     filling: Option<(Job<Filled>, usize, VolumeSlot, bool)>,
     /// Selections that are being read, for which slot and volume, and as which edit if they are new.
-    selecting: Option<(Job<Arc<Selections>>, SelectionSlot, Arc<Volume>, Option<Command>)>,
+    selecting: Option<Selecting>,
     searching: Option<(Job<Vec<PathBuf>>, usize)>,
     /// A file that is looked at, to ask how it shall be read.
     asking: Option<Job<VolumeChoice>>,

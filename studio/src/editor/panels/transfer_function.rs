@@ -50,6 +50,7 @@ impl FunctionView {
 
 /// From this width on, a node's fields are beside the title.
 const WIDE: f32 = 660.0;
+const WIDE_PART: f32 = 900.0;
 /// Radius of a node's dot, and how near a press must come.
 const DOT: f32 = 5.5;
 const GRAB: f32 = 10.0;
@@ -133,7 +134,9 @@ fn header(
     positions: Positions<'_>,
     volume: Option<&Volume>,
 ) {
-    let wide = ui.available_width() > WIDE;
+    // A part's title is longer, and what takes its function away stands beside it.
+    let room = if open.chosen_region().is_some() { WIDE_PART } else { WIDE };
+    let wide = ui.available_width() > room;
     // From the right: what is on the left gets the rest.
     let right_to_left = egui::Layout::right_to_left(egui::Align::Center);
     ui.allocate_ui_with_layout(Vec2::new(ui.available_width(), theme::ROW), right_to_left, |ui| {
@@ -265,7 +268,7 @@ fn node_fields(
     let remove = ui.add_enabled(num_nodes > 1, egui::Button::new("Remove"));
     let why = "A transfer function needs one node at least";
     if remove.on_hover_text("Takes the node away (Delete)").on_disabled_hover_text(why).clicked() {
-        open.edit(Command::RemoveNode { of: of.clone(), node: number });
+        open.edit(Command::RemoveNode { of, node: number });
         open.node = None;
     }
 }
@@ -469,9 +472,9 @@ fn drop_style(
     let Some(style) = egui::DragAndDrop::take_payload::<DraggedStyle>(ui.ctx()).map(|s| s.0.clone()) else { return };
     let of = open.function_of();
     if let Some(sphere) = sphere {
-        open.edit(Command::SetStyle { of: of.clone(), nodes: sphere.run.clone(), style });
+        open.edit(Command::SetStyle { of, nodes: sphere.run.clone(), style });
     } else if let Some(node) = node {
-        open.edit(Command::SetStyle { of: of.clone(), nodes: node..node + 1, style });
+        open.edit(Command::SetStyle { of, nodes: node..node + 1, style });
         open.node = Some(node);
     } else {
         insert_node(open, plot.value(pointer.x), plot.resolution(), Some(style), None);
