@@ -1360,7 +1360,7 @@ fn the_side_of_slices_is_said_and_kept() {
         assert!(first.query_all_by_label_contains(name).next().is_some(), "nothing is called {name}");
     }
     // The figure has nothing to do with it.
-    assert!(first.query_all_by_label_contains("Figure: ball, seen from the front, R on the left").next().is_some());
+    assert!(first.query_all_by_label_contains("Figure: ball, seen from the front, R? on the left").next().is_some());
     first.state_mut().as_mut().unwrap().leave();
     drop(first);
     let mut second = window(place.path("figure.json"));

@@ -12,7 +12,10 @@ use super::template::{
 
 /// One edit. Objects, nodes and volume slots are named by their position.
 #[derive(Clone, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "there are few at a time, and the large ones are as frequent as the others")]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there are few at a time, and the large ones are as frequent as the others"
+)]
 pub enum Command {
     /// The figure's title.
     SetTitle(String),
