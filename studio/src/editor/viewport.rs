@@ -81,9 +81,9 @@ impl Picture {
         self.asked = None;
     }
 
-    fn ask(&mut self, painter: &Painter, open: &OpenFigure, size: [u32; 2]) {
+    fn ask(&mut self, painter: &Painter, open: &OpenFigure, size: [u32; 2], rests: bool) {
         let figure = open.document.figure();
-        let coarse_only = open.document.in_motion();
+        let coarse_only = open.document.in_motion() && !rests;
         let same =
             |(f, s, c): &(Arc<Template>, [u32; 2], bool)| looks_same(f, figure) && *s == size && *c == coarse_only;
         if self.asked.as_ref().is_some_and(same) {
@@ -186,6 +186,8 @@ pub struct Viewport {
     asked: Option<Pick>,
     /// Whether the primary button is a tool's.
     pub is_tools: bool,
+    /// Whether the hand rests within a gesture: the picture is refined all the same.
+    pub rests: bool,
     /// The figure as a tool sees it, where the primary button would be pressed on it.
     aimed: Option<FigureView>,
 }
@@ -272,7 +274,7 @@ impl Viewport {
         self.keys(ui, &response, open);
         wheel(ui, &response, open, frame);
         let size = [frame.width(), frame.height()].map(|n| ((n * scale).round() as u32).max(1));
-        self.picture.ask(painter_thread, open, size);
+        self.picture.ask(painter_thread, open, size, self.rests);
 
         let painter = ui.painter_at(area);
         painter.rect_filled(frame, 0.0, Color32::WHITE);

@@ -429,7 +429,7 @@ impl Editor {
         // Panels may have gone back in time.
         open.follow_voxels();
         (self.viewport.is_tools, self.slices.is_tools) = (self.tools.takes_primary(), self.tools.takes_primary());
-        self.slices.takes_wheel = self.tools.takes_wheel();
+        (self.slices.takes_wheel, self.viewport.rests) = (self.tools.takes_wheel(), self.tools.rests());
         CentralPanel::default().frame(canvas).show(ui, |ui| {
             let mut slice = None;
             if self.layout.shows_slices {

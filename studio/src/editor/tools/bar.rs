@@ -138,7 +138,7 @@ pub fn options(ui: &mut Ui, active: Tool, settings: &mut Settings, open: &OpenFi
             let tooltip = "Only what hangs together with the way of the brush, within the values and what is visible";
             ui.checkbox(&mut settings.is_connected, "Connected").on_hover_text(tooltip);
         }
-        let tooltip = "Leaves out voxels that the transfer function makes transparent, such as air";
+        let tooltip = "In the figure: leaves out voxels that the transfer function makes transparent, such as air";
         ui.checkbox(&mut settings.is_visible_only, "Visible only").on_hover_text(tooltip);
     }
     ui.separator();

@@ -118,7 +118,7 @@ impl Brush {
             strength: 1.0,
             mode: if erases { BrushMode::Erase } else { BrushMode::Paint },
         };
-        let stroke = Stroke::new(&target.before, brush, settings.limits(open, &target.volume))?;
+        let stroke = Stroke::new(&target.before, brush, settings.limits(open, &target.volume, view))?;
         open.document.begin();
         let (way, view) = (VecDeque::from([at]), view.clone());
         let (last_at, last_mm, is_released) = (at, None, false);
@@ -131,7 +131,13 @@ impl Brush {
         let mut painting = self.stroke.take()?;
         painting.paint(open, Instant::now() + Duration::from_secs(1));
         open.document.commit();
-        painting.last_mm.is_none().then(|| "There is nothing to paint on".to_owned())
+        let is_same = painting.stroke.selection().changed_since(&painting.target.before).is_empty();
+        match (is_same, painting.last_mm, painting.erases) {
+            (false, ..) => None,
+            (true, None, _) => Some("There is nothing to paint on".to_owned()),
+            (true, Some(_), true) => Some("Nothing of the selection was there".to_owned()),
+            (true, Some(_), false) => Some("Nothing new to paint there, within the limits in the bar".to_owned()),
+        }
     }
 
     /// The disc at the pointer, with its radius.

@@ -10,7 +10,7 @@ use super::super::panels::properties::shorter;
 use super::super::wording;
 use super::target::{Target, combination};
 use super::view::View;
-use super::{Hand, Settings};
+use super::{Hand, Settings, shorter_ml};
 
 /// Points that the hand may tremble in a click.
 const TREMBLE: f32 = 4.0;
@@ -175,7 +175,7 @@ impl Grow {
         let mut text = preview.tolerance_text(tolerance);
         match preview.shown {
             Some(shown) => {
-                text += &format!(", {} ml", shorter(shown.ml.max(0.001)));
+                text += &format!(", {} ml", shorter_ml(shown.ml));
                 if shown.has_leaked {
                     text += " · may have leaked: less tolerance, or Alt+click bars";
                 }
@@ -210,7 +210,7 @@ impl Preview {
                     self.target.add(open);
                     let what = if self.erases { "out of " } else { "" };
                     let (title, size) = (&self.target.title, self.tolerance_text(grown.shown.tolerance));
-                    let label = format!("Grow {what}{title}, {size}, {} ml", shorter(grown.shown.ml));
+                    let label = format!("Grow {what}{title}, {size}, {} ml", shorter_ml(grown.shown.ml));
                     self.target.set(open, grown.selection, label);
                 }
                 Err(error) if is_cancelled(&error) => {}

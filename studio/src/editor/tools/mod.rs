@@ -14,7 +14,7 @@ mod work;
 use std::sync::Arc;
 use std::time::Instant;
 
-use eframe::egui::{Align2, Color32, Context, CursorIcon, Event, FontId, Key, Painter, PointerButton, Pos2, Ui};
+use eframe::egui::{Align2, Color32, Context, CursorIcon, Event, FontId, Key, Painter, PointerButton, Pos2, Ui, Vec2};
 use fabrica_engine::Progress;
 use fabrica_engine::selection::{Edge, Limits, ValueLimit};
 use fabrica_engine::volume::{Modality, Volume};
@@ -90,7 +90,7 @@ pub struct Settings {
     pub range: Option<[f64; 2]>,
     /// Only what hangs together with the middle of the brush.
     pub is_connected: bool,
-    /// Only voxels that the transfer function shows.
+    /// In the figure, only voxels that the transfer function shows.
     pub is_visible_only: bool,
     /// Whether a loop in the figure reaches no deeper than the first surface, and in a slice no further than its layer.
     pub is_surface_only: bool,
@@ -174,8 +174,8 @@ impl Settings {
         self.tolerance.unwrap_or_else(first).clamp(1e-6, 1e6)
     }
 
-    /// What the settings say about where tools may select.
-    fn limits(&self, open: &OpenFigure, volume: &Arc<Volume>) -> Limits {
+    /// What the settings say about where tools may select in a view.
+    fn limits(&self, open: &OpenFigure, volume: &Arc<Volume>, view: &View) -> Limits {
         let is_colors = volume.colors.is_some();
         let values = self.range.filter(|_| !is_colors).map(|[low, high]| ValueLimit {
             scan: volume.clone(),
@@ -183,7 +183,9 @@ impl Settings {
             high: high.max(low),
             edge: Edge::default(),
         });
-        let shown = self.is_visible_only.then(|| visible(open, volume)).flatten();
+        // Slices show everything.
+        let is_figure = matches!(view, View::Figure(_));
+        let shown = (self.is_visible_only && is_figure).then(|| visible(open, volume)).flatten();
         Limits { values, connected: self.is_connected, allowed: shown }
     }
 }
@@ -299,6 +301,11 @@ impl Tools {
         }
         self.held = None;
         was_open
+    }
+
+    /// Whether what a gesture shows is to be looked at: the hand rests.
+    pub fn rests(&self) -> bool {
+        self.grow.is_open() && self.held.is_none()
     }
 
     /// Whether the wheel is a tool's.
@@ -430,7 +437,7 @@ impl Tools {
             return Err("Another edit is under way".to_owned());
         }
         let target = target::Target::of(open, self.settings.target.as_deref())?;
-        let limits = self.settings.limits(open, &target.volume);
+        let limits = self.settings.limits(open, &target.volume, &around.view);
         let depth_mm = self.settings.depth_mm(open);
         let reach = if self.settings.is_surface_only { work::Reach::Surface(depth_mm) } else { work::Reach::Through };
         let erases = self.settings.erases != around.alt;
@@ -494,8 +501,18 @@ impl Tools {
 fn tell(painter: &Painter, at: Pos2, text: &str) {
     let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(13.0), Color32::WHITE);
     let rect = Align2::LEFT_CENTER.anchor_size(at, galley.size());
-    painter.rect_filled(rect.expand2(eframe::egui::Vec2::new(5.0, 2.0)), 4.0, Color32::from_black_alpha(190));
+    // Within the view, even at its edge.
+    let room = painter.clip_rect().shrink(8.0);
+    let over = Vec2::new((rect.right() - room.right()).max(0.0), (room.top() - rect.top()).max(0.0));
+    let rect = rect.translate(Vec2::new(-over.x, over.y));
+    painter.rect_filled(rect.expand2(Vec2::new(5.0, 2.0)), 4.0, Color32::from_black_alpha(190));
     painter.galley(rect.min, galley, Color32::WHITE);
+}
+
+/// Milliliters as they are told: three digits, or all before the point.
+fn shorter_ml(ml: f64) -> String {
+    let decimals = (2.0 - ml.max(1e-3).log10().floor()).clamp(0.0, 3.0) as usize;
+    format!("{ml:.decimals$}")
 }
 
 /// Millimeters as they are told: two digits that say something.
