@@ -32,6 +32,7 @@ pub const SHIPPED: &[Shipped] = &[
     shipped!("head_glass", "CT in HU: bone under the skin's contour"),
     shipped!("head_engraving", "CT in HU: an engraving on paper"),
     shipped!("head_xray", "CT in HU: translucent throughout"),
+    shipped!("head_brain", "A label map: brain, vessels and nerves within a veil of bone"),
     shipped!("turtle", "CT in HU: bones and organs within a shell of amber"),
     shipped!("engine", "Industrial CT: glass castings around brass"),
 ];

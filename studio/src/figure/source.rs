@@ -6,6 +6,7 @@ use std::sync::Arc;
 use anyhow::{Result, bail};
 use fabrica_engine::read::limits::Limits;
 use fabrica_engine::read::{ReadOptions, read_volume};
+use fabrica_engine::selection::{from_label_maps, write_segmentation};
 use fabrica_engine::specimen::{self, Request};
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume_out::write_nrrd;
@@ -105,6 +106,25 @@ fn load_specimen(request: &Request, progress: &Progress) -> Result<Volume> {
         let _ = write_nrrd(file, &made.volume);
     }
     Ok(as_specimen(made.volume, request))
+}
+
+/// The file of a specimen's structures in the cache, made if it is not there; none where there is no cache.
+///
+/// # Errors
+/// One sentence from the specimen.
+pub fn cached_structures(request: &Request, progress: &Progress) -> Result<Option<PathBuf>> {
+    request.check()?;
+    let Some(folder) = cache_folder() else { return Ok(None) };
+    let file = folder.join(cache_name(request).replace(".nrrd", "-structures.seg.nrrd"));
+    if !file.exists() {
+        let made = from_label_maps(&[request.generate(progress)?.labels], &Arc::default(), progress)?;
+        // No cache (a full disk, a read-only home) only costs the next run its time.
+        let _ = std::fs::create_dir_all(&folder);
+        if write_segmentation(&file, &made, progress).is_err() {
+            return Ok(None);
+        }
+    }
+    Ok(Some(file))
 }
 
 fn as_specimen(mut volume: Volume, request: &Request) -> Volume {

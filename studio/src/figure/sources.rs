@@ -8,11 +8,12 @@ use fabrica_engine::read::ReadOptions;
 use fabrica_engine::read::label_table::read_label_table;
 use fabrica_engine::read::limits::Limits;
 use fabrica_engine::selection::{BrickPool, Selection, Structure, from_label_maps, read_selections, smooth_partition};
+use fabrica_engine::specimen::Request;
 use fabrica_engine::volume::Volume;
 use fabrica_engine::volume::labels::{Label, resample_layers, same_grid};
 use fabrica_engine::{Error, Progress};
 
-use super::source::VolumeSource;
+use super::source::{VolumeSource, cached_structures};
 use super::template::{SelectionSlot, Template, VolumeSlot};
 
 /// A volume that takes the place of a template's own.
@@ -130,12 +131,7 @@ pub fn load_selections(
                 }
             }
             Some(VolumeSource::Path(path)) => read_selections(&path, &volume.grid, &pool, progress)?,
-            Some(VolumeSource::Specimen(request)) => {
-                let labels = request.generate(progress)?.labels;
-                let layers = vec![labels];
-                let (layers, note) = resample_layers(layers, &volume.grid).map_err(anyhow::Error::msg)?;
-                (from_label_maps(&layers, &pool, progress)?, note.into_iter().collect())
-            }
+            Some(VolumeSource::Specimen(request)) => of_specimen(&request, volume, &pool, progress)?,
         };
         if let Some(table) = &table {
             notes.extend(table.name(structures.iter_mut().map(|s| &mut s.label)));
@@ -149,6 +145,25 @@ pub fn load_selections(
         Ok(Selections { structures: smooth_partition(&structures, sigma, progress)?, notes })
     };
     read().map(Arc::new).with_context(|| format!("the template's selections \"{}\" cannot be loaded", slot.name))
+}
+
+/// The structures of a specimen on the grid of a volume, with notes on how they got there.
+fn of_specimen(
+    request: &Request,
+    volume: &Volume,
+    pool: &Arc<BrickPool>,
+    progress: &Progress,
+) -> Result<(Vec<Structure>, Vec<String>)> {
+    if let Some(file) = cached_structures(request, progress)? {
+        match read_selections(&file, &volume.grid, pool, progress) {
+            // A damaged cache is as good as none.
+            Err(error) if !matches!(error, Error::Cancelled) => {}
+            read => return Ok(read?),
+        }
+    }
+    let layers = vec![request.generate(progress)?.labels];
+    let (layers, note) = resample_layers(layers, &volume.grid).map_err(anyhow::Error::msg)?;
+    Ok((from_label_maps(&layers, pool, progress)?, note.into_iter().collect()))
 }
 
 /// What was painted on the very voxels of its volume and is not smoothed: there at once. Nothing else.
