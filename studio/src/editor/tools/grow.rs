@@ -177,7 +177,7 @@ impl Grow {
             Some(shown) => {
                 text += &format!(", {} ml", shorter_ml(shown.ml));
                 if shown.has_leaked {
-                    text += " · may have leaked: less tolerance, or Alt+click bars";
+                    text += " · may have leaked";
                 }
             }
             None => text += ", growing…",
