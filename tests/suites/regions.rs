@@ -401,9 +401,13 @@ fn extremes_of_regions() {
     add(&mut scene, corner, &[(0.0, "steel", 1.0)], 1.0, None, 1.0);
     compare(&mut renderer, &scene).unwrap();
     let tiny = phantom::volume([1; 3], DAffine3::IDENTITY, |_| 500.0);
-    let mut scene = phantom::scene(&tiny, BODY, Quality::STANDARD);
+    let mut scene = phantom::scene(&tiny, SOLID, Quality::STANDARD);
+    let alone = draw(&mut renderer, &scene);
+    // The rest shows nothing, so that what is drawn is the region's.
+    scene.objects[0].transfer_function.nodes.iter_mut().for_each(|n| n.opacity = 0.0);
     add(&mut scene, selection(&tiny.grid, &pool, |_| 1.0), SOLID, 1.0, None, 1.0);
-    compare(&mut renderer, &scene).unwrap();
+    let found = difference(&draw(&mut renderer, &scene), &alone);
+    assert!(found < 1e-3 && alone.pixels.iter().any(|p| p[3] > 0.5), "{found}");
     // 300 structures, some in one brick.
     let mut scene = phantom::scene(&volume, BODY, Quality::STANDARD);
     let cell = |p: DVec3| {
