@@ -82,8 +82,9 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         var visible = false;
         var back = 0.0;
 #if functions
-        // Which looks there may be around the piece.
-        var kinds = 0u;
+        // Which kind of brick the piece is in, and the functions that may show something of it.
+        var kind = 0u;
+        var candidates = 0u;
 #end
 #if alpha
         var back_alpha = 0.0;
@@ -94,7 +95,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 let brick = brick_of(first + piece_middle(k, steps) * stride);
                 let cell = textureLoad(skip_map, brick, 0);
 #if functions
-                kinds = cell.y;
+                kind = cell.y;
 #end
                 if cell.x == 0u { break; }
                 k = leap(brick, cell.x, first, stride, k);
@@ -105,7 +106,8 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             let boundary = piece_end(select(k, k + 1u, known), steps);
             back = sample_volume(volume, volume_sampler, first + boundary * stride, object.texel_scale);
 #if functions
-            visible = known && may_show(kinds, front, back);
+            candidates = may_show(kind, front, back);
+            visible = known && candidates != 0u;
 #else
             visible = known && classify_piece(only_function(), front, back).extinction > 0.0;
 #end
@@ -127,7 +129,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         let length_k = piece_length(k, steps);
 #if functions
         // What a look shows of a piece does not depend on what others show of it.
-        let shows = layers_that_show(kinds, front, back);
+        let shows = layers_that_show(candidates, front, back);
         let num_parts = select(0u, num_pieces(length_k * f32(PARTS)), shows != 0u);
 #else
         let shows = 1u;

@@ -293,7 +293,7 @@ impl<'a> Line<'a> {
         let object = self.field.object;
         match region {
             None => (&object.transfer_function, 1.0),
-            Some(i) => (&object.regions[i].transfer_function, object.regions[i].opacity),
+            Some(i) => (&object.regions[i].look.transfer_function, object.regions[i].look.opacity),
         }
     }
 
@@ -432,7 +432,7 @@ mod tests {
     use crate::image_out::Picture;
     use crate::reference::Reference;
     use crate::reference::testing::{awkward_affines, looking_at, node, scene, sphere_style, volume};
-    use crate::scene::{Projection, Region, TransferFunctionNode};
+    use crate::scene::{Look, Projection, Region, TransferFunctionNode};
     use crate::selection::{BrickPool, Selection};
     use crate::spaces::Grid;
     use crate::styles::{STYLE_SIZE, StyleImage, normal_from_uv};
@@ -656,7 +656,7 @@ mod tests {
         let mut selection = Selection::empty(grid, &Arc::new(BrickPool::default()));
         selection.change(grid.dims().map(|n| [0, n]), |p, _| membership(p));
         let transfer_function = StyleTransferFunction { nodes, reference_length_mm: 1.0 };
-        Region { name: name.to_owned(), selection, transfer_function, tint: None, opacity: 1.0 }
+        Region { name: name.to_owned(), selection, look: Look::plain(transfer_function), moved: None }
     }
 
     /// Opaque wherever it is.
@@ -680,17 +680,17 @@ mod tests {
         }
         let picked = pick(&drawn, SIZE, 16, 16).unwrap();
         assert!(picked.region == Some(0) && (4.0..5.5).contains(&picked.position_mm.y), "{picked:?}");
-        drawn.objects[0].regions[0].opacity = 0.0;
+        drawn.objects[0].regions[0].look.opacity = 0.0;
         let picked = pick(&drawn, SIZE, 16, 16).unwrap();
         assert!(picked.region == Some(1) && (19.0..20.5).contains(&picked.position_mm.y), "{picked:?}");
         // A faint one is looked through as well, and named once nothing is behind it.
-        drawn.objects[0].regions[0].opacity = 0.02;
+        drawn.objects[0].regions[0].look.opacity = 0.02;
         assert_eq!(pick(&drawn, SIZE, 16, 16).unwrap().region, Some(1));
-        drawn.objects[0].regions[1].opacity = 0.0;
+        drawn.objects[0].regions[1].look.opacity = 0.0;
         let picked = pick(&drawn, SIZE, 16, 16).unwrap();
         let shown = 1.0 - (1.0f64 - 0.02).powi(5);
         assert!(picked.region == Some(0) && (picked.opacity - shown).abs() < 0.003, "{picked:?} is not {shown}");
-        drawn.objects[0].regions[0].opacity = 0.0;
+        drawn.objects[0].regions[0].look.opacity = 0.0;
         assert_eq!(pick(&drawn, SIZE, 16, 16), None);
     }
 
@@ -700,7 +700,7 @@ mod tests {
         let mut drawn = plain(1.0);
         assert_eq!(pick(&drawn, SIZE, 16, 16).unwrap().region, None);
         let mut block = region("block", &drawn, opaque(), |[_, y, _]| if y < 12 { 255 } else { 0 });
-        block.opacity = 0.0;
+        block.look.opacity = 0.0;
         drawn.objects[0].regions.push(block);
         let picked = pick(&drawn, SIZE, 16, 16).unwrap();
         assert!(picked.region.is_none() && (11.0..12.5).contains(&picked.position_mm.y), "{picked:?}");
@@ -742,9 +742,9 @@ mod tests {
         let mut dense = region("dense", &drawn, vec![node(300.0, 0, 0.4)], |[x, y, z]| {
             (20 * (x + y + z).saturating_sub(40)).min(255) as u8
         });
-        dense.transfer_function.reference_length_mm = 2.5;
+        dense.look.transfer_function.reference_length_mm = 2.5;
         let mut cut = region("cut", &drawn, nodes, |[x, _, z]| if x > 18 && z > 14 { 200 } else { 0 });
-        cut.opacity = 0.1;
+        cut.look.opacity = 0.1;
         drawn.objects[0].regions.extend([dense, cut]);
         let reference = Reference::new(&drawn).unwrap();
         let mut opaque: f64 = 0.0;

@@ -24,5 +24,5 @@ struct Functions {
 }
 
 @group(1) @binding(16) var<uniform> functions: Functions;
-// Per kind of brick: whether anything shows between two values, given by their cells.
-@group(1) @binding(17) var may_show_map: texture_2d_array<u32>;
+// Which layers may show something between two values, given by their cells: a bit each.
+@group(1) @binding(17) var may_show_map: texture_2d<u32>;

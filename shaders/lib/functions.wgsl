@@ -7,16 +7,18 @@ fn function_of_layer(layer: u32, row: u32) -> Function {
     return Function(l.first, l.scale, l.jump, l.last_node, l.below, l.above, layer, row);
 }
 
-// Whether any look of a kind of brick may show something between two values: never no where one does.
-fn may_show(kind: u32, front: f32, back: f32) -> bool {
+// Of the functions that a kind of brick has, those that may show something between two values, a bit each: never none where one
+// does.
+fn may_show(kind: u32, front: f32, back: f32) -> u32 {
     let cells = f32(textureDimensions(may_show_map).x - 1u);
     let place = (vec2f(front, back) - functions.first_cell) * functions.cells_per_texel;
-    return textureLoad(may_show_map, vec2u(clamp(place, vec2f(0.0), vec2f(cells))), kind, 0).x > 0u;
+    let found = textureLoad(may_show_map, vec2u(clamp(place, vec2f(0.0), vec2f(cells))), 0).x;
+    return found & functions.kinds[kind / 4u][kind % 4u];
 }
 
-// Of the layers that a kind of brick has, those that show something of a piece: a bit each.
-fn layers_that_show(kind: u32, front: f32, back: f32) -> u32 {
-    var left = functions.kinds[kind / 4u][kind % 4u];
+// Of some functions, those that do show something of a piece.
+fn layers_that_show(candidates: u32, front: f32, back: f32) -> u32 {
+    var left = candidates;
     var found = 0u;
     loop {
         if left == 0u { break; }

@@ -12,7 +12,7 @@ use fabrica_engine::Progress;
 use fabrica_engine::gpu::regions::ResidentRegions;
 use fabrica_engine::gpu::{AdapterChoice, GpuContext};
 use fabrica_engine::render::{RenderOptions, Renderer};
-use fabrica_engine::scene::{Region, Scene};
+use fabrica_engine::scene::{Look, Region, Scene};
 use fabrica_engine::selection::{BrickPool, Selection};
 use fabrica_engine::spaces::Grid;
 use fabrica_engine::styles::StyleLibrary;
@@ -45,9 +45,8 @@ fn main() {
     let region = |i: usize, selection: Selection| Region {
         name: i.to_string(),
         selection,
-        transfer_function: plain.objects[0].transfer_function.clone(),
-        tint: tint(i),
-        opacity: 1.0,
+        look: Look { tint: tint(i), ..Look::plain(plain.objects[0].transfer_function.clone()) },
+        moved: None,
     };
     let with = |selections: Vec<Selection>, own_functions: bool| {
         let mut scene = plain.clone();
@@ -55,7 +54,7 @@ fn main() {
         if own_functions {
             for (i, region) in regions.iter_mut().enumerate() {
                 // Another table each, and almost the same picture.
-                region.transfer_function.nodes.iter_mut().for_each(|n| n.opacity *= 1.0 - 1e-4 * (i + 1) as f64);
+                region.look.transfer_function.nodes.iter_mut().for_each(|n| n.opacity *= 1.0 - 1e-4 * (i + 1) as f64);
             }
         }
         scene.objects[0].regions = regions;
@@ -118,12 +117,11 @@ fn edits(context: &GpuContext) {
     let mut regions = vec![Region {
         name: "painted".to_owned(),
         selection: Selection::empty(grid, &Arc::default()),
-        transfer_function: fabrica_engine::scene::StyleTransferFunction {
+        look: Look::plain(fabrica_engine::scene::StyleTransferFunction {
             nodes: vec![fabrica_engine::scene::TransferFunctionNode { value: 0.0, style: 0, opacity: 1.0 }],
             reference_length_mm: 1.0,
-        },
-        tint: None,
-        opacity: 1.0,
+        }),
+        moved: None,
     }];
     let mut resident = ResidentRegions::upload(context, &regions, &Progress::new()).unwrap();
     let (mut edit_ms, mut upload_ms) = (Vec::new(), Vec::new());

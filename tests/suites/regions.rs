@@ -9,7 +9,9 @@ use fabrica_engine::measure::Difference;
 use fabrica_engine::pass::raycast::ShaderPatch;
 use fabrica_engine::reference::Reference;
 use fabrica_engine::render::{FloatImage, RenderOptions, Renderer};
-use fabrica_engine::scene::{Object, Projection, Quality, Region, Scene, StyleTransferFunction, TransferFunctionNode};
+use fabrica_engine::scene::{
+    Look, Object, Projection, Quality, Region, Scene, StyleTransferFunction, TransferFunctionNode,
+};
 use fabrica_engine::selection::{BrickPool, Selection};
 use fabrica_engine::spaces::Grid;
 use fabrica_engine::styles::StyleImage;
@@ -63,7 +65,12 @@ fn add(
 ) {
     let transfer_function = function(scene, nodes, d0);
     let name = format!("region {}", scene.objects[0].regions.len() + 1);
-    scene.objects[0].regions.push(Region { name, selection, transfer_function, tint, opacity });
+    scene.objects[0].regions.push(Region {
+        name,
+        selection,
+        look: Look { transfer_function, tint, opacity },
+        moved: None,
+    });
 }
 
 /// A body with a fuzzy ball, a crisp half that overlaps it, and a cut-out corner.
@@ -433,14 +440,14 @@ fn regions_that_make_no_sense_are_a_sentence() {
     let other = Grid::new([32; 3], centered([32; 3], DVec3::splat(2.0))).unwrap();
     let message = fault(&|o| o.regions[1].selection = Selection::empty(other, &Arc::default()));
     assert!(message.contains("region 2") && message.contains("another grid"), "{message}");
-    let message = fault(&|o| o.regions[0].opacity = f64::NAN);
+    let message = fault(&|o| o.regions[0].look.opacity = f64::NAN);
     assert!(message.contains("opacity"), "{message}");
-    let message = fault(&|o| o.regions[0].tint = Some([0.0, 2.0, 0.0]));
+    let message = fault(&|o| o.regions[0].look.tint = Some([0.0, 2.0, 0.0]));
     assert!(message.contains("tint"), "{message}");
     let message = fault(&|o| {
         for i in 0..32 {
             let mut region = o.regions[0].clone();
-            region.transfer_function.nodes[0].value = f64::from(i);
+            region.look.transfer_function.nodes[0].value = f64::from(i);
             o.regions.push(region);
         }
     });

@@ -1,12 +1,13 @@
 //! Regions on the adapter: the memberships of the bricks that lie at the ends of regions, and per brick the list of regions
 //! that have a part of it. An edit of a selection uploads the bricks that it touches.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet, VecDeque};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
 use super::context::GpuContext;
-use super::upload::extent;
+use super::upload::{TABLE_USAGE, extent, table_descriptor, write_box};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::scene::Region;
@@ -18,13 +19,13 @@ const ATLAS_EDGE: usize = 512;
 /// Slots along x and y of it.
 const SLOTS: usize = ATLAS_EDGE / SLOT_EDGE;
 /// Texels along the edge of a slot: a brick's voxels and one more on either side.
-const SLOT_EDGE: usize = BRICK + 2;
+pub const SLOT_EDGE: usize = BRICK + 2;
 /// Texels along z of the smallest atlas.
 const LEAST_DEPTH: usize = 16;
 /// Texels in a row of textures that hold lists; `LIST_WIDTH` of the shader.
 pub const LIST_WIDTH: usize = 2048;
 /// The slot of bricks that are wholly in a region; `WHOLE` of the shader.
-const WHOLE: u32 = u32::MAX;
+pub const WHOLE: u32 = u32::MAX;
 /// Voxels around a brick in which what is present counts for leaping: as far as a piece with its middle in it reaches.
 const BORDER: usize = 2;
 /// Voxels along the edge of a brick with that border.
@@ -80,14 +81,24 @@ pub struct ResidentRegions {
     directory: wgpu::Texture,
     entry_rows: usize,
     entry_texture: wgpu::Texture,
-    /// Which looks (0 = background, else region + 1) there are around each brick: position in `sets`.
-    pub set_of_brick: Vec<u32>,
-    /// Different sets of looks.
+    /// Position in `sets` of each brick's.
+    set_of_brick: Vec<u32>,
+    /// The different sets of looks (0 = background, else region + 1) that there are around bricks.
     pub sets: Vec<Vec<u32>>,
     position_of_set: HashMap<Vec<u32>, u32>,
-    /// Changes whenever anything above does.
+    /// Entries of the longest list that any brick has had.
+    pub longest_list: u32,
+    /// Goes up by one whenever anything above changes; no two uploads have one in common.
     pub revision: u64,
+    /// Bricks that changed at each of the last revisions.
+    changes: VecDeque<Vec<u32>>,
 }
+
+/// Where the revisions of the next upload begin.
+static NEXT_REVISION: AtomicU64 = AtomicU64::new(0);
+
+/// Changed bricks that are remembered; beyond that it is as cheap to look at all.
+const MAX_CHANGES: usize = 1 << 14;
 
 impl ResidentRegions {
     /// Uploads the selections of `regions`, all of one grid.
@@ -118,14 +129,15 @@ impl ResidentRegions {
             set_of_brick: vec![0; num_bricks],
             sets: vec![vec![0]],
             position_of_set: HashMap::from([(vec![0], 0)]),
-            revision: 0,
+            longest_list: 0,
+            revision: NEXT_REVISION.fetch_add(1 << 32, Ordering::Relaxed),
+            changes: VecDeque::new(),
         };
         let candidates = resident.candidates(regions);
         resident.selections = regions.iter().map(|r| r.selection.clone()).collect();
         progress.begin("regions", candidates.len() as u64);
         // In portions, so that blocks of bricks do not pile up.
-        let portions: Vec<_> = candidates.chunks(1 << 14).collect();
-        for portion in portions {
+        for portion in candidates.chunks(1 << 14) {
             let found = resident.find(portion);
             resident.put(context, found)?;
             progress.advance(portion.len() as u64)?;
@@ -144,10 +156,10 @@ impl ResidentRegions {
         {
             return Ok(false);
         }
-        let mut places: HashMap<[usize; 3], ()> = HashMap::new();
+        let mut places: HashSet<[usize; 3]> = HashSet::new();
         for (region, old) in regions.iter().zip(&self.selections) {
             for place in region.selection.changed_since(old) {
-                places.extend(neighbors(place, self.size).map(|p| (p, ())));
+                places.extend(neighbors(place, self.size));
             }
         }
         if places.is_empty() {
@@ -159,7 +171,7 @@ impl ResidentRegions {
             let present = (0..self.selections.len()).filter(|i| near(&self.selections[*i]));
             (place, present.map(|i| i as u32).collect::<Vec<_>>())
         };
-        let candidates: Vec<_> = places.into_keys().map(looked_at).collect();
+        let candidates: Vec<_> = places.into_iter().map(looked_at).collect();
         let found = self.find(&candidates);
         let mut changed = [[usize::MAX, 0]; 3];
         for (place, _) in &candidates {
@@ -230,6 +242,7 @@ impl ResidentRegions {
             self.num_stale += old.len();
         }
         self.reserve_slots(context, num_needed)?;
+        let mut changed = Vec::with_capacity(found.len());
         for Found { place: [x, y, z], parts, has_rest } in found {
             let brick = x + nx * (y + ny * z);
             let set: Vec<u32> =
@@ -240,6 +253,7 @@ impl ResidentRegions {
                 next
             });
             self.set_of_brick[brick] = position;
+            changed.push(brick as u32);
             let first = self.entries.len() as u32;
             for Part { region, held } in parts {
                 let slot = match held {
@@ -256,7 +270,14 @@ impl ResidentRegions {
                 };
                 self.entries.push([region + 1, if slot == WHOLE { WHOLE } else { packed(slot) }]);
             }
-            self.lists[brick] = List { first, count: self.entries.len() as u32 - first };
+            let count = self.entries.len() as u32 - first;
+            self.lists[brick] = List { first, count };
+            self.longest_list = self.longest_list.max(count);
+        }
+        self.changes.push_back(changed);
+        let mut num_changes: usize = self.changes.iter().map(Vec::len).sum();
+        while num_changes > MAX_CHANGES {
+            num_changes -= self.changes.pop_front().map_or(0, |oldest| oldest.len());
         }
         self.write_slots(context, written);
         self.write_entries(context, first_entry)
@@ -274,7 +295,8 @@ impl ResidentRegions {
         }
         let most = context.adapter.max_volume_edge as usize;
         if depth > most {
-            let most = slots_in(most.next_power_of_two() / if most.is_power_of_two() { 1 } else { 2 });
+            // The deepest power of two that it holds.
+            let most = slots_in(1 << most.ilog2());
             return Err(Error::gpu(
                 format!("the borders of the regions take {wanted} bricks, and the adapter holds {most}"),
                 "reduce the volume, or use fewer or simpler selections",
@@ -312,7 +334,7 @@ impl ResidentRegions {
             }
             let slot = row[0].0 as usize;
             let origin = [slot % SLOTS, slot / SLOTS % SLOTS, slot / (SLOTS * SLOTS)].map(|n| n * SLOT_EDGE);
-            write(context, &self.atlas, origin, [width, SLOT_EDGE, SLOT_EDGE], texel, &data);
+            write_box(context, &self.atlas, origin, [width, SLOT_EDGE, SLOT_EDGE], texel, &data);
         }
     }
 
@@ -348,7 +370,7 @@ impl ResidentRegions {
             let mut data = self.entries[from..].to_vec();
             data.resize(data.len().next_multiple_of(LIST_WIDTH), [0; 2]);
             let size = [LIST_WIDTH, data.len() / LIST_WIDTH, 1];
-            write(context, &self.entry_texture, [0, from / LIST_WIDTH, 0], size, 8, bytemuck::cast_slice(&data));
+            write_box(context, &self.entry_texture, [0, from / LIST_WIDTH, 0], size, 8, bytemuck::cast_slice(&data));
         }
         Ok(())
     }
@@ -361,12 +383,19 @@ impl ResidentRegions {
             .flat_map(|row| self.lists[row + x[0]..row + x[1]].iter().map(|list| [list.first, list.count]))
             .collect();
         let size = [x[1] - x[0], y[1] - y[0], z[1] - z[0]];
-        write(context, &self.directory, [x[0], y[0], z[0]], size, 8, bytemuck::cast_slice(&data));
+        write_box(context, &self.directory, [x[0], y[0], z[0]], size, 8, bytemuck::cast_slice(&data));
     }
 
-    /// Entries of the longest list.
-    pub fn longest_list(&self) -> u32 {
-        self.lists.iter().map(|list| list.count).max().unwrap_or(0)
+    /// Which of the `sets` there is around a brick.
+    pub fn set_at(&self, [x, y, z]: [usize; 3]) -> u32 {
+        self.set_of_brick[x + self.size[0] * (y + self.size[1] * z)]
+    }
+
+    /// Positions (x fastest) of the bricks that may have changed since an earlier revision; none where nobody remembers.
+    pub fn changed_since(&self, revision: u64) -> Option<impl Iterator<Item = usize> + '_> {
+        let num_revisions = usize::try_from(self.revision.checked_sub(revision)?).ok()?;
+        let first = self.changes.len().checked_sub(num_revisions)?;
+        Some(self.changes.range(first..).flatten().map(|brick| *brick as usize))
     }
 
     /// Texels of the atlas along x, y, z.
@@ -441,13 +470,8 @@ fn inner_rows(block: &Block) -> impl Iterator<Item = &[u8]> {
 }
 
 fn entry_texture(context: &GpuContext, rows: usize) -> Result<wgpu::Texture> {
-    make_texture(
-        context,
-        "region lists",
-        wgpu::TextureFormat::Rg32Uint,
-        [LIST_WIDTH, rows, 1],
-        wgpu::TextureDimension::D2,
-    )
+    let (format, dimension) = (wgpu::TextureFormat::Rg32Uint, wgpu::TextureDimension::D2);
+    make_texture(context, "region lists", format, [LIST_WIDTH, rows, 1], dimension)
 }
 
 fn texture(context: &GpuContext, label: &str, format: wgpu::TextureFormat, size: [usize; 3]) -> Result<wgpu::Texture> {
@@ -464,39 +488,9 @@ fn make_texture(
     let what = format!("a texture of {} x {} x {} texels for the {label}", size[0], size[1], size[2]);
     context.checked(&what, "reduce the volume, or choose another adapter", |device| {
         device.create_texture(&wgpu::TextureDescriptor {
-            label: Some(label),
-            size: extent(size),
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension,
-            format,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
+            // A larger one takes over what it holds.
+            usage: wgpu::TextureUsages::COPY_SRC | TABLE_USAGE,
+            ..table_descriptor(label, extent(size), dimension, format)
         })
     })
-}
-
-fn write(
-    context: &GpuContext,
-    texture: &wgpu::Texture,
-    origin: [usize; 3],
-    size: [usize; 3],
-    texel: usize,
-    data: &[u8],
-) {
-    context.queue.write_texture(
-        wgpu::TexelCopyTextureInfo {
-            texture,
-            mip_level: 0,
-            origin: wgpu::Origin3d { x: origin[0] as u32, y: origin[1] as u32, z: origin[2] as u32 },
-            aspect: wgpu::TextureAspect::All,
-        },
-        data,
-        wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some((size[0] * texel) as u32),
-            rows_per_image: Some(size[1] as u32),
-        },
-        extent(size),
-    );
 }

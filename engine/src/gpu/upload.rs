@@ -303,16 +303,8 @@ fn make_texture(context: &GpuContext, label: &str, dims: [usize; 3], texel: Texe
             gib(planes)
         );
         context.checked(&what, "crop or downsample the volume, or choose another adapter", |device| {
-            device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: extent([dims[0], dims[1], planes]),
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D3,
-                format: texel.format(),
-                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-                view_formats: &[],
-            })
+            let size = extent([dims[0], dims[1], planes]);
+            device.create_texture(&table_descriptor(label, size, wgpu::TextureDimension::D3, texel.format()))
         })
     };
     create(dims[2]).map_err(|refused| {
@@ -340,6 +332,55 @@ pub(crate) fn extent(dims: [usize; 3]) -> wgpu::Extent3d {
     wgpu::Extent3d { width: dims[0] as u32, height: dims[1] as u32, depth_or_array_layers: dims[2] as u32 }
 }
 
+/// What shaders read and the CPU writes.
+pub(crate) const TABLE_USAGE: wgpu::TextureUsages =
+    wgpu::TextureUsages::TEXTURE_BINDING.union(wgpu::TextureUsages::COPY_DST);
+
+/// A texture of such a use, without mips.
+pub(crate) fn table_descriptor(
+    label: &str,
+    size: wgpu::Extent3d,
+    dimension: wgpu::TextureDimension,
+    format: wgpu::TextureFormat,
+) -> wgpu::TextureDescriptor<'_> {
+    wgpu::TextureDescriptor {
+        label: Some(label),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension,
+        format,
+        usage: TABLE_USAGE,
+        view_formats: &[],
+    }
+}
+
+/// Writes a box of `size` texels of `texel` bytes each, x fastest, from `origin` on.
+pub(crate) fn write_box(
+    context: &GpuContext,
+    texture: &wgpu::Texture,
+    origin: [usize; 3],
+    size: [usize; 3],
+    texel: usize,
+    data: &[u8],
+) {
+    context.queue.write_texture(
+        wgpu::TexelCopyTextureInfo {
+            texture,
+            mip_level: 0,
+            origin: wgpu::Origin3d { x: origin[0] as u32, y: origin[1] as u32, z: origin[2] as u32 },
+            aspect: wgpu::TextureAspect::All,
+        },
+        data,
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some((size[0] * texel) as u32),
+            rows_per_image: Some(size[1] as u32),
+        },
+        extent(size),
+    );
+}
+
 fn write_slabs(
     context: &GpuContext,
     texture: &wgpu::Texture,
@@ -352,21 +393,7 @@ fn write_slabs(
     let planes = (SLAB_BYTES / (row * dims[1])).max(1);
     for z0 in (0..dims[2]).step_by(planes) {
         let z1 = (z0 + planes).min(dims[2]);
-        context.queue.write_texture(
-            wgpu::TexelCopyTextureInfo {
-                texture,
-                mip_level: 0,
-                origin: wgpu::Origin3d { x: 0, y: 0, z: z0 as u32 },
-                aspect: wgpu::TextureAspect::All,
-            },
-            &slab(z0, z1),
-            wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(row as u32),
-                rows_per_image: Some(dims[1] as u32),
-            },
-            extent([dims[0], dims[1], z1 - z0]),
-        );
+        write_box(context, texture, [0, 0, z0], [dims[0], dims[1], z1 - z0], texel.bytes(), &slab(z0, z1));
         // Submitting and waiting frees the staging copy before the next one is made.
         context.queue.submit([]);
         context

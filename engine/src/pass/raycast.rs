@@ -13,8 +13,8 @@ use crate::error::{Error, Result, remedies};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::regions::ResidentRegions;
 use crate::gpu::shader_library::RaycastKey;
-use crate::gpu::upload::{ResidentVolume, extent};
-use crate::scene::quality::PARTS;
+use crate::gpu::upload::{ResidentVolume, extent, table_descriptor};
+use crate::scene::quality::{MAX_ROUNDS, PARTS};
 use crate::scene::{Camera, Object, Projection, Quality, Scene, StyleTransferFunction};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
@@ -211,9 +211,6 @@ struct Shared {
     cuts: bool,
 }
 
-/// `MAX_ROUNDS` of the shader.
-const MAX_ROUNDS: u32 = 65_000;
-
 /// Looks of objects with regions that are kept: the steps of a refining picture.
 const MAX_REGION_LOOKS: usize = 4;
 
@@ -307,7 +304,7 @@ impl RaycastPass {
         let leaps = skip_empty && scene.quality.step_voxels <= MAX_SKIP_STEP;
         let bound = match regions {
             None => self.bind_look(context, scene, object, resident, leaps),
-            Some(regions) => self.bind_regions(context, scene, object, resident, regions, leaps),
+            Some(regions) => self.bind_regions(context, scene, object, resident, regions, leaps)?,
         };
         let key = match &bound.shared {
             None => key,
@@ -404,40 +401,42 @@ impl RaycastPass {
         resident: &ResidentVolume,
         regions: &ResidentRegions,
         leaps: bool,
-    ) -> Bound {
+    ) -> Result<Bound> {
         let lengths_mm = in_steps(usual_length_mm(scene, object));
-        let known = self.region_looks.iter().position(|looks| looks.is_of(object, regions, lengths_mm, leaps));
-        let looks = match known {
-            Some(i) => self.region_looks[i].clone(),
+        let known = self.region_looks.iter().position(|looks| looks.is_of(object, lengths_mm, leaps));
+        let i = match known {
+            Some(i) => i,
             None => {
-                let looks = RegionLooks::new(context, object, resident, regions, &mut self.tables, lengths_mm, leaps);
+                let looks = RegionLooks::new(context, object, resident, regions, &mut self.tables, lengths_mm, leaps)?;
                 if self.region_looks.len() >= MAX_REGION_LOOKS {
                     self.region_looks.remove(0);
                 }
-                self.region_looks.push(looks.clone());
-                looks
+                self.region_looks.push(looks);
+                self.region_looks.len() - 1
             }
         };
+        let looks = &mut self.region_looks[i];
+        looks.update(context, object, resident, regions)?;
         let gradient = object.volume.grid.world_gradient_from_index();
         let [rounds_per_piece, _] = looks.rounds(regions);
         let uniform = looks.uniform(regions, gradient);
-        let functions = looks
-            .functions
-            .map(|f| (uniform_buffer(context, "functions", bytemuck::bytes_of(&*f.uniform)), f.may_show));
+        let functions = looks.functions().map(|(uniform, may_show)| {
+            (uniform_buffer(context, "functions", bytemuck::bytes_of(&uniform)), may_show.clone())
+        });
         let [directory, entries, atlas] = regions.views();
-        Bound {
-            uniform: object_uniform(scene, object, resident, &looks.table),
-            skip_map: looks.skip_map,
-            transfer_function: looks.tables,
-            node_layers: looks.node_layers,
+        Ok(Bound {
+            uniform: object_uniform(scene, object, resident, looks.table()),
+            skip_map: looks.skip_map(),
+            transfer_function: looks.tables.clone(),
+            node_layers: looks.node_layers.clone(),
             shared: Some(Shared {
                 uniform: uniform_buffer(context, "regions", bytemuck::bytes_of(&uniform)),
-                textures: [directory, entries, atlas, looks.region_looks],
+                textures: [directory, entries, atlas, looks.region_looks.clone()],
                 functions,
                 cuts: looks.cuts,
             }),
-            pieces_per_pass: (MAX_ROUNDS / rounds_per_piece).max(1),
-        }
+            pieces_per_pass: (MAX_ROUNDS / 2 / rounds_per_piece).max(1),
+        })
     }
 
     /// The frame uniform for an object, before it is narrowed to a tile.
@@ -685,7 +684,7 @@ fn make_pipeline(
         if key.functions {
             entries.extend([
                 entry(16, uniform_binding()),
-                entry(17, texture_binding(wgpu::TextureSampleType::Uint, arrays)),
+                entry(17, texture_binding(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)),
             ]);
         }
         let object_layout = device
@@ -754,16 +753,7 @@ pub(super) fn small_texture(
     format: wgpu::TextureFormat,
     data: &[u8],
 ) -> wgpu::Texture {
-    let descriptor = wgpu::TextureDescriptor {
-        label: Some(label),
-        size,
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension,
-        format,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    };
+    let descriptor = table_descriptor(label, size, dimension, format);
     context.device.create_texture_with_data(&context.queue, &descriptor, wgpu::util::TextureDataOrder::LayerMajor, data)
 }
 

@@ -1,20 +1,20 @@
 //! The looks of an object with regions, as the shader reads them: tables of the different opacity functions, what regions have of
 //! them, which bricks show anything, and which kinds of bricks there are.
 
-use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
+use super::places::{MAX_KINDS, Places, Showing};
 use super::raycast::{in_steps, small_texture, uniform};
 use super::transfer_table::{TABLE_SIZE, TransferTable};
+use crate::error::Result;
 use crate::gpu::context::GpuContext;
 use crate::gpu::regions::{LIST_WIDTH, ResidentRegions};
 use crate::gpu::upload::{ResidentVolume, extent};
 use crate::scene::quality::PARTS;
 use crate::scene::region::MAX_OPACITY_FUNCTIONS;
-use crate::scene::{Object, StyleTransferFunction};
+use crate::scene::{Look, Object, StyleTransferFunction};
+use crate::volume::Volume;
 
-/// Kinds of bricks that are told apart, at most; the last then stands for all others.
-const MAX_KINDS: usize = 256;
 /// Cells along each axis of what tells whether anything shows between two values.
 const CELLS: usize = 256;
 
@@ -58,67 +58,75 @@ pub struct RegionsUniform {
 }
 }
 
-/// What depends on the looks and the regions' places, but not on the camera.
-#[derive(Clone, Debug)]
+/// What depends on looks and on the regions' places, but not on the camera.
+#[derive(Debug)]
 pub struct RegionLooks {
-    revision: u64,
     lengths_mm: f64,
     leaps: bool,
-    looks: Vec<LookOf>,
+    drawn: Drawn,
     /// Some looks are more opaque than others.
     pub cuts: bool,
-    /// Two texels a look.
+    /// Two texels a look, the looks of each body one after the other.
     pub region_looks: wgpu::TextureView,
-    /// Distance to the nearest brick that shows something, and kind of brick.
-    pub skip_map: wgpu::TextureView,
     /// The styles of the nodes, a row for each different list of them.
     pub node_layers: wgpu::TextureView,
-    /// The table of the first function.
-    pub table: Arc<TransferTable>,
+    /// The tables, one a different function.
+    layers: Vec<Arc<TransferTable>>,
     /// The tables, one layer each; a plain texture if there is but one function.
     pub tables: wgpu::TextureView,
     /// What only several functions need.
-    pub functions: Option<Functions>,
+    functions: Option<Functions>,
+    /// Per body and look, the bit of its function.
+    bits: Vec<Vec<u32>>,
+    places: Places,
 }
 
 /// Several functions from value to opacity.
-#[derive(Clone, Debug)]
-pub struct Functions {
-    /// Their parameters.
-    pub uniform: Box<FunctionsUniform>,
-    /// Per kind, whether anything shows between two values.
-    pub may_show: wgpu::TextureView,
-    num_layers: u32,
+#[derive(Debug)]
+struct Functions {
+    layers: [LayerUniform; MAX_OPACITY_FUNCTIONS],
+    first_cell: f32,
+    cells_per_texel: f32,
+    /// Which functions may show something between two values.
+    may_show: wgpu::TextureView,
 }
 
-/// A look, to be compared.
-#[derive(Clone, Debug, PartialEq)]
-struct LookOf {
-    function: StyleTransferFunction,
-    tint: Option<[f32; 3]>,
-    opacity: f64,
+/// What of an object the looks are made of, to be compared.
+#[derive(Debug)]
+struct Drawn {
+    volume: Weak<Volume>,
+    background: StyleTransferFunction,
+    regions: Vec<Look>,
+    /// Ghosts of moved regions.
+    ghosts: Vec<Option<Look>>,
+    /// Which regions are shown by each body.
+    bodies: Vec<Vec<usize>>,
 }
 
-impl LookOf {
-    /// Whether its function gives opacity to anything.
-    fn shows(&self) -> bool {
-        self.function.nodes.iter().any(|n| n.opacity > 0.0)
+impl Drawn {
+    fn of(object: &Object) -> Self {
+        Self {
+            volume: Arc::downgrade(&object.volume),
+            background: object.transfer_function.clone(),
+            regions: object.regions.iter().map(|r| r.look.clone()).collect(),
+            ghosts: object.regions.iter().map(|r| r.moved().map(|moved| moved.ghost.clone())).collect(),
+            bodies: object.bodies().into_iter().map(|body| body.regions).collect(),
+        }
     }
 
-    /// Factor of the opacity that its function gives.
-    fn factor(&self) -> f64 {
-        if self.shows() { self.opacity } else { 0.0 }
+    fn is(&self, object: &Object) -> bool {
+        // Held weakly, the address of a volume goes to no other.
+        std::ptr::eq(self.volume.as_ptr(), &*object.volume)
+            && self.background == object.transfer_function
+            && self.regions.iter().eq(object.regions.iter().map(|r| &r.look))
+            && self.ghosts.iter().map(Option::as_ref).eq(object.regions.iter().map(|r| r.moved().map(|m| &m.ghost)))
+            && self.bodies.iter().eq(object.bodies().iter().map(|body| &body.regions))
     }
 }
 
-fn looks_of(object: &Object) -> Vec<LookOf> {
-    let background = LookOf { function: object.transfer_function.clone(), tint: None, opacity: 1.0 };
-    let regions = object.regions.iter().map(|r| LookOf {
-        function: r.transfer_function.clone(),
-        tint: r.tint,
-        opacity: r.opacity,
-    });
-    std::iter::once(background).chain(regions).collect()
+/// Whether a look's function gives opacity to anything.
+fn shows(look: &Look) -> bool {
+    look.transfer_function.nodes.iter().any(|n| n.opacity > 0.0)
 }
 
 /// Tables that were made, so that one that changes costs one.
@@ -150,13 +158,15 @@ impl Tables {
 }
 
 impl RegionLooks {
-    /// Whether it is what [`RegionLooks::new`] would make.
-    pub fn is_of(&self, object: &Object, regions: &ResidentRegions, lengths_mm: f64, leaps: bool) -> bool {
-        (self.revision, self.lengths_mm, self.leaps) == (regions.revision, lengths_mm, leaps)
-            && self.looks == looks_of(object)
+    /// Whether it is what [`RegionLooks::new`] would make, but for edits of selections.
+    pub fn is_of(&self, object: &Object, lengths_mm: f64, leaps: bool) -> bool {
+        (self.lengths_mm, self.leaps) == (lengths_mm, leaps) && self.drawn.is(object)
     }
 
     /// `lengths_mm`: the usual length of a part of a piece; `leaps`: whether the march leaps over empty bricks.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`](crate::Error::Gpu) where the adapter has no room.
     pub fn new(
         context: &GpuContext,
         object: &Object,
@@ -165,17 +175,29 @@ impl RegionLooks {
         tables: &mut Tables,
         lengths_mm: f64,
         leaps: bool,
-    ) -> Self {
-        let looks = looks_of(object);
+    ) -> Result<Self> {
+        let background = Look::plain(object.transfer_function.clone());
+        // Of each body, and of each look in it; none where it is not shown.
+        let shown: Vec<Vec<Option<&Look>>> = object
+            .bodies()
+            .iter()
+            .enumerate()
+            .map(|(b, body)| {
+                let own = (0..object.regions.len()).map(|i| body.look(object, i));
+                std::iter::once((b == 0).then_some(&background)).chain(own).collect()
+            })
+            .collect();
+        let all = || shown.iter().flatten();
         let mut layers: Vec<&StyleTransferFunction> = Vec::new();
         let mut rows: Vec<Vec<u32>> = Vec::new();
         let d0 = object.reference_length_mm();
-        let mut layer_of = Vec::with_capacity(looks.len());
         let mut texels: Vec<[f32; 4]> = Vec::new();
+        let mut bits = Vec::new();
         // A look that shows nothing has whatever function another one has.
-        let visible = looks.iter().find(|look| look.shows()).unwrap_or(&looks[0]);
-        for look in &looks {
-            let function = if look.shows() { &look.function } else { &visible.function };
+        let visible = all().flatten().find(|look| shows(look)).map_or(&background, |look| *look);
+        for look in all() {
+            let seen = look.filter(|look| shows(look));
+            let function = &seen.unwrap_or(visible).transfer_function;
             let layer = layers.iter().position(|f| f.same_opacity(function)).unwrap_or_else(|| {
                 layers.push(function);
                 layers.len() - 1
@@ -185,88 +207,103 @@ impl RegionLooks {
                 rows.push(styles);
                 rows.len() - 1
             });
-            layer_of.push(layer);
             let lengths = d0 / function.reference_length_mm;
-            let ([r, g, b], opacity) = (look.tint.unwrap_or_default(), 1.0 + look.factor() as f32);
-            texels.push([r, g, b, if look.tint.is_some() { opacity } else { -opacity }]);
+            let opacity = seen.map_or(0.0, |look| look.opacity);
+            bits.push(if opacity > 0.0 { 1 << layer } else { 0 });
+            let tint = look.and_then(|look| look.tint);
+            let ([r, g, b], opacity) = (tint.unwrap_or_default(), 1.0 + opacity as f32);
+            texels.push([r, g, b, if tint.is_some() { opacity } else { -opacity }]);
             texels.push([layer as f32, lengths as f32, row as f32, 0.0]);
         }
-        let cuts = layers.len() > 1 || looks.iter().any(|look| look.factor() != looks[0].factor());
-        let tables: Vec<Arc<TransferTable>> = layers
+        let factor = |look: &Option<&Look>| look.filter(|look| shows(look)).map_or(0.0, |look| look.opacity);
+        let cuts = layers.len() > 1 || all().any(|look| factor(look) != factor(&shown[0][0]));
+        let layers: Vec<Arc<TransferTable>> = layers
             .iter()
             .map(|function| tables.get(object, resident, function, in_steps(lengths_mm / function.reference_length_mm)))
             .collect();
-        let kinds = Kinds::new(&looks, &layer_of, regions);
-        let texel = |stored| resident.encoding.texel(stored);
-        let bricks = object.volume.bricks();
-        let distances = if leaps {
-            bricks.distances_of(|i, low, high| {
-                let mask = kinds.masks[usize::from(kinds.of_brick[i])];
-                let shows = |layer: usize| mask >> layer & 1 != 0 && tables[layer].shows(texel(low), texel(high));
-                (0..tables.len()).any(shows)
-            })
-        } else {
-            vec![0; bricks.ranges.len()]
-        };
-        let cells: Vec<u8> = distances.iter().zip(&kinds.of_brick).flat_map(|(d, kind)| [*d, *kind]).collect();
-        let (two, three) = (wgpu::TextureDimension::D2, wgpu::TextureDimension::D3);
+        let (two, three) = (wgpu::TextureDimension::D2, [LIST_WIDTH, texels.len().div_ceil(LIST_WIDTH), 1]);
         let float = wgpu::TextureFormat::Rgba32Float;
-        texels.resize(texels.len().next_multiple_of(LIST_WIDTH), [0.0; 4]);
-        let look_size = extent([LIST_WIDTH, texels.len() / LIST_WIDTH, 1]);
+        texels.resize(three[0] * three[1], [0.0; 4]);
+        let texels = bytemuck::cast_slice(&texels);
         let plain = |texture: wgpu::Texture| texture.create_view(&Default::default());
         let width = rows.iter().map(Vec::len).max().unwrap_or(1);
         let nodes: Vec<u32> = rows.iter().flat_map(|row| (0..width).map(|i| row[i.min(row.len() - 1)])).collect();
         let node_size = extent([width, rows.len(), 1]);
         let uint = wgpu::TextureFormat::R32Uint;
         let node_layers = small_texture(context, "node layers", node_size, two, uint, bytemuck::cast_slice(&nodes));
-        let skip = wgpu::TextureFormat::Rg8Uint;
-        let entries: Vec<[f32; 4]> = tables.iter().flat_map(|t| &t.entries).copied().collect();
+        let entries: Vec<[f32; 4]> = layers.iter().flat_map(|t| &t.entries).copied().collect();
         let has_functions = layers.len() > 1 || rows.len() > 1;
-        let table_size = extent([TABLE_SIZE, TABLE_SIZE, tables.len()]);
+        let table_size = extent([TABLE_SIZE, TABLE_SIZE, layers.len()]);
         let made = small_texture(context, "transfer functions", table_size, two, float, bytemuck::cast_slice(&entries));
         let functions = has_functions.then(|| {
-            let (first_cell, cells_per_texel, may_show) = may_show(&tables, &kinds.masks, object, resident);
-            let size = extent([CELLS, CELLS, kinds.masks.len()]);
-            let format = wgpu::TextureFormat::R8Uint;
-            let uniform = FunctionsUniform {
-                layers: std::array::from_fn(|i| {
-                    // What no look has is never read.
-                    layer_uniform(&tables[i.min(tables.len() - 1)])
-                }),
-                kinds: std::array::from_fn(|i| {
-                    std::array::from_fn(|j| kinds.masks.get(4 * i + j).copied().unwrap_or(0))
-                }),
+            let (first_cell, cells_per_texel, cells) = may_show(&layers, object, resident);
+            let size = extent([CELLS, CELLS, 1]);
+            Functions {
+                // What no look has is never read.
+                layers: std::array::from_fn(|i| layer_uniform(&layers[i.min(layers.len() - 1)])),
                 first_cell,
                 cells_per_texel,
-                pad0: 0.0,
-                pad1: 0.0,
-            };
-            Functions {
-                uniform: Box::new(uniform),
-                may_show: arrays(&small_texture(context, "may show", size, two, format, &may_show)),
-                num_layers: layers.len() as u32,
+                may_show: plain(small_texture(context, "may show", size, two, uint, bytemuck::cast_slice(&cells))),
             }
         });
-        Self {
-            revision: regions.revision,
+        let bits: Vec<Vec<u32>> = bits.chunks(1 + object.regions.len()).map(<[u32]>::to_vec).collect();
+        let places = Places::new(context, object, regions, &showing(&bits, &layers, resident, leaps))?;
+        Ok(Self {
             lengths_mm,
             leaps,
+            drawn: Drawn::of(object),
             cuts,
-            region_looks: plain(small_texture(
-                context,
-                "region looks",
-                look_size,
-                two,
-                float,
-                bytemuck::cast_slice(&texels),
-            )),
-            skip_map: plain(small_texture(context, "skip map", extent(bricks.dims), three, skip, &cells)),
+            region_looks: plain(small_texture(context, "region looks", extent(three), two, float, texels)),
             node_layers: plain(node_layers),
-            table: tables[0].clone(),
             tables: if has_functions { arrays(&made) } else { plain(made) },
             functions,
-            looks,
+            bits,
+            layers,
+            places,
+        })
+    }
+
+    /// Takes over what was edited of the selections since.
+    ///
+    /// # Errors
+    /// As [`RegionLooks::new`].
+    pub fn update(
+        &mut self,
+        context: &GpuContext,
+        object: &Object,
+        resident: &ResidentVolume,
+        regions: &ResidentRegions,
+    ) -> Result<()> {
+        let showing = showing(&self.bits, &self.layers, resident, self.leaps);
+        if !self.places.update(context, object, regions, &showing) {
+            self.places = Places::new(context, object, regions, &showing)?;
         }
+        Ok(())
+    }
+
+    /// The table of the first function.
+    pub fn table(&self) -> &TransferTable {
+        &self.layers[0]
+    }
+
+    /// Distance to the nearest brick that shows something, and kind of brick.
+    pub fn skip_map(&self) -> wgpu::TextureView {
+        self.places.view()
+    }
+
+    /// Where the bodies' bricks are in the skip map; see [`Places::sections`].
+    pub fn sections(&self) -> impl Iterator<Item = [[usize; 3]; 3]> + '_ {
+        self.places.sections()
+    }
+
+    /// What only several functions need: their uniform, and which of them may show something between two values.
+    pub fn functions(&self) -> Option<(FunctionsUniform, &wgpu::TextureView)> {
+        let functions = self.functions.as_ref()?;
+        let masks = &self.places.masks;
+        let kinds = std::array::from_fn(|i| std::array::from_fn(|j| masks.get(4 * i + j).copied().unwrap_or(0)));
+        let Functions { layers, first_cell, cells_per_texel, .. } = *functions;
+        let uniform = FunctionsUniform { layers, kinds, first_cell, cells_per_texel, pad0: 0.0, pad1: 0.0 };
+        Some((uniform, &functions.may_show))
     }
 
     /// The uniform for the atlas as it is now. `gradient`: columns take a change per voxel to one per mm of the world.
@@ -288,12 +325,31 @@ impl RegionLooks {
     /// Rounds of the shader's loops that a piece takes at most, with one look a part, and that a further look takes.
     pub fn rounds(&self, regions: &ResidentRegions) -> [u32; 2] {
         // A look goes over the brick's list and the background, and so does the face of a piece.
-        let list = regions.longest_list() + 1;
+        let list = regions.longest_list + 1;
         let look = 2 + list;
-        let num_layers = self.functions.as_ref().map_or(0, |f| f.num_layers);
-        // Those of the march, of the layers that are asked whether they show the piece, and of each part.
-        [6 + num_layers + list + (PARTS + 1) * (1 + look), look]
+        let num_layers = if self.functions.is_some() { self.layers.len() as u32 } else { 0 };
+        let own = num_layers + list + (PARTS + 1) * (1 + look);
+        let num_bodies = self.bits.len() as u32;
+        if num_bodies == 1 {
+            // Those of the march, of the layers that are asked whether they show the piece, and of each part.
+            return [6 + own, look];
+        }
+        // Each body by itself; before that the loops over all of them: leaps, values, and what is taken over.
+        [8 + num_bodies * (4 + own), look]
     }
+}
+
+fn showing<'a>(
+    bits: &'a [Vec<u32>],
+    layers: &'a [Arc<TransferTable>],
+    resident: &'a ResidentVolume,
+    leaps: bool,
+) -> Showing<'a> {
+    let shows = move |mask: u32, low: f64, high: f64| {
+        let (low, high) = (resident.encoding.texel(low), resident.encoding.texel(high));
+        layers.iter().enumerate().any(|(layer, table)| mask >> layer & 1 != 0 && table.shows(low, high))
+    };
+    Showing { bits, shows: Box::new(shows), leaps }
 }
 
 fn arrays(texture: &wgpu::Texture) -> wgpu::TextureView {
@@ -315,47 +371,9 @@ fn layer_uniform(table: &TransferTable) -> LayerUniform {
     }
 }
 
-/// Kinds of bricks, by the layers that may show in them.
-struct Kinds {
-    /// A bit for each layer.
-    masks: Vec<u32>,
-    of_brick: Vec<u8>,
-}
-
-impl Kinds {
-    fn new(looks: &[LookOf], layer_of: &[usize], regions: &ResidentRegions) -> Self {
-        let bit = |look: &u32| if looks[*look as usize].factor() > 0.0 { 1 << layer_of[*look as usize] } else { 0 };
-        let mask_of = |set: &Vec<u32>| set.iter().map(bit).fold(0, |a, b| a | b);
-        let mut position: HashMap<u32, u8> = HashMap::new();
-        let mut masks: Vec<u32> = Vec::new();
-        let kind_of_set: Vec<u8> = regions
-            .sets
-            .iter()
-            .map(|set| {
-                let mask = mask_of(set);
-                *position.entry(mask).or_insert_with(|| {
-                    if masks.len() < MAX_KINDS {
-                        masks.push(mask);
-                    } else {
-                        masks[MAX_KINDS - 1] |= mask;
-                    }
-                    (masks.len() - 1) as u8
-                })
-            })
-            .collect();
-        let of_brick = regions.set_of_brick.iter().map(|set| kind_of_set[*set as usize]).collect();
-        Self { masks, of_brick }
-    }
-}
-
-/// Texel value of the first cell, cells per texel unit, and per kind whether anything shows between values in two cells. Never
-/// no where something shows.
-fn may_show(
-    tables: &[Arc<TransferTable>],
-    masks: &[u32],
-    object: &Object,
-    resident: &ResidentVolume,
-) -> (f32, f32, Vec<u8>) {
+/// Texel value of the first cell, cells per texel unit, and which functions, a bit each, may show something between values in two
+/// cells. Never no where something shows.
+fn may_show(tables: &[Arc<TransferTable>], object: &Object, resident: &ResidentVolume) -> (f32, f32, Vec<u32>) {
     let (low, high) = object.volume.bricks().range();
     let (low, high) = (resident.encoding.texel(low), resident.encoding.texel(high));
     // The values that the tables tell apart; what lies beyond is in the outermost cells.
@@ -374,22 +392,15 @@ fn may_show(
         c if c >= CELLS as isize => high.max(to),
         c => first + c as f64 / per_texel,
     };
-    let mut shows: Vec<Vec<u8>> = Vec::new();
-    for table in tables {
-        let mut map = vec![0; CELLS * CELLS];
-        for back in 0..CELLS {
-            for front in 0..=back {
-                let shown = table.shows(edge(front as isize - 1), edge(back as isize + 2));
-                map[front + CELLS * back] = u8::from(shown);
-                map[back + CELLS * front] = u8::from(shown);
-            }
+    let mut cells = vec![0; CELLS * CELLS];
+    for back in 0..CELLS {
+        for front in 0..=back {
+            let (low, high) = (edge(front as isize - 1), edge(back as isize + 2));
+            let bit = |(layer, table): (usize, &Arc<TransferTable>)| u32::from(table.shows(low, high)) << layer;
+            let shown = tables.iter().enumerate().map(bit).fold(0, |a, b| a | b);
+            cells[front + CELLS * back] = shown;
+            cells[back + CELLS * front] = shown;
         }
-        shows.push(map);
     }
-    let of_kind = masks.iter().flat_map(|mask| {
-        let layers: Vec<&Vec<u8>> =
-            shows.iter().enumerate().filter(|(i, _)| mask >> i & 1 != 0).map(|(_, m)| m).collect();
-        (0..CELLS * CELLS).map(move |i| layers.iter().fold(0, |any, map| any | map[i]))
-    });
-    (first as f32, per_texel as f32, of_kind.collect())
+    (first as f32, per_texel as f32, cells)
 }

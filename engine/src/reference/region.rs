@@ -39,9 +39,9 @@ impl<'a> Look<'a> {
         let voxel = |i: usize| f64::from(region.selection.get([i % nx, i / nx % ny, i / (nx * ny)])) / 255.0;
         Self {
             membership: Some(Lattice { dims, values: (0..dims.iter().product()).map(voxel).collect() }),
-            transfer_function: &region.transfer_function,
-            tint: region.tint.map(|tint| DVec3::from_array(tint.map(f64::from))),
-            opacity: region.opacity,
+            transfer_function: &region.look.transfer_function,
+            tint: region.look.tint.map(|tint| DVec3::from_array(tint.map(f64::from))),
+            opacity: region.look.opacity,
         }
     }
 }

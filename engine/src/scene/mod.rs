@@ -2,6 +2,7 @@
 //! The studio makes it from a document; nothing in here knows files, templates or a window.
 
 pub mod camera;
+pub mod moved;
 pub mod quality;
 pub mod region;
 pub mod transfer_function;
@@ -11,8 +12,9 @@ use std::sync::Arc;
 use glam::DVec3;
 
 pub use camera::{Camera, Projection};
+pub use moved::{Body, Meeting, Meetings, Moved, Role};
 pub use quality::Quality;
-pub use region::Region;
+pub use region::{Look, Region};
 pub use transfer_function::{StyleTransferFunction, TransferFunctionNode};
 
 use crate::error::{Error, Result};
@@ -69,16 +71,22 @@ impl Object {
         (a.min(b), a.max(b))
     }
 
-    /// The transfer functions of the background and of all regions.
+    /// The transfer functions of the background, of all regions, and of the ghosts of moved ones.
     pub fn transfer_functions(&self) -> impl Iterator<Item = &StyleTransferFunction> {
-        std::iter::once(&self.transfer_function).chain(self.regions.iter().map(|r| &r.transfer_function))
+        let of_regions = self.regions.iter().flat_map(|region| {
+            let ghost = region.moved().map(|moved| &moved.ghost.transfer_function);
+            std::iter::once(&region.look.transfer_function).chain(ghost)
+        });
+        std::iter::once(&self.transfer_function).chain(of_regions)
     }
 
     /// Whether no transfer function gives opacity to any value of the volume.
     pub fn shows_nothing(&self) -> bool {
         let (low, high) = self.data_range();
         let background = self.transfer_function.max_opacity(low, high);
-        background <= 0.0 && self.regions.iter().all(|r| r.selection.is_empty() || r.max_opacity(low, high) <= 0.0)
+        let hidden = |look: &Look| look.max_opacity(low, high) <= 0.0;
+        let is_hidden = |r: &Region| hidden(&r.look) && r.moved().is_none_or(|moved| hidden(&moved.ghost));
+        background <= 0.0 && self.regions.iter().all(|r| r.selection.is_empty() || is_hidden(r))
     }
 
     /// d₀ in mm of the whole object: the shortest of its transfer functions'.
@@ -94,7 +102,7 @@ impl Object {
             let [least, most] = region.selection.brick(place).range();
             covered |= least == u8::MAX;
             if most > 0 {
-                largest = largest.max(region.max_opacity(low, high));
+                largest = largest.max(region.look.max_opacity(low, high));
             }
         }
         if covered { largest } else { largest.max(self.transfer_function.max_opacity(low, high)) }

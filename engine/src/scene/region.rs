@@ -1,11 +1,35 @@
 //! Regions: selected parts of an object's volume that have a look of their own (docs/rendering.md §8).
 
+use super::moved::{self, Moved};
 use super::{Object, StyleTransferFunction};
 use crate::error::{Error, Result};
 use crate::selection::Selection;
 use crate::volume::labels::same_grid;
 
-/// A selection of the object's volume, drawn where it lies. With the background, which is what no region has, the regions
+/// How the part of a volume is drawn that belongs to a region.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Look {
+    /// Value → style and opacity.
+    pub transfer_function: StyleTransferFunction,
+    /// Linear RGB, 0 to 1, that takes the place of the styles' own colors, which are left as its light: their luminance.
+    pub tint: Option<[f32; 3]>,
+    /// Factor, 0 to 1, of the opacity of a reference length: at 0 the part is cut out.
+    pub opacity: f64,
+}
+
+impl Look {
+    /// That of a transfer function alone.
+    pub fn plain(transfer_function: StyleTransferFunction) -> Self {
+        Self { transfer_function, tint: None, opacity: 1.0 }
+    }
+
+    /// Largest opacity of any value in `low..=high`.
+    pub fn max_opacity(&self, low: f64, high: f64) -> f64 {
+        self.opacity * self.transfer_function.max_opacity(low, high)
+    }
+}
+
+/// A selection of the object's volume. With the background, which is what no region has, the regions
 /// share out the volume: where several want more of a voxel than there is, each gets its share.
 #[derive(Clone, Debug)]
 pub struct Region {
@@ -13,19 +37,10 @@ pub struct Region {
     pub name: String,
     /// How much each voxel belongs to it, on the volume's grid.
     pub selection: Selection,
-    /// Value → style and opacity.
-    pub transfer_function: StyleTransferFunction,
-    /// Linear RGB, 0 to 1, that takes the place of the styles' own colors, which are left as its light: their luminance.
-    pub tint: Option<[f32; 3]>,
-    /// Factor, 0 to 1, of the opacity of a reference length: at 0 the region is cut out.
-    pub opacity: f64,
-}
-
-impl Region {
-    /// Largest opacity of any value in `low..=high`.
-    pub fn max_opacity(&self, low: f64, high: f64) -> f64 {
-        self.opacity * self.transfer_function.max_opacity(low, high)
-    }
+    /// How it is drawn.
+    pub look: Look,
+    /// Where it was moved to; none: it is drawn where it lies.
+    pub moved: Option<Moved>,
 }
 
 /// Most regions of an object: a label map of 16 bits has no more structures, and no brick a longer list.
@@ -53,13 +68,16 @@ pub(super) fn validate(object: &Object) -> Result<()> {
                 "resample the selection onto the volume",
             );
         }
-        if !(0.0..=1.0).contains(&region.opacity) {
-            return fail(format!("has an opacity of {}", region.opacity), "choose one from 0 to 1");
-        }
-        if region.tint.is_some_and(|tint| tint.iter().any(|c| !(0.0..=1.0).contains(c))) {
-            return fail(format!("has a tint of {:?}", region.tint.unwrap_or_default()), "choose colors from 0 to 1");
+        for look in std::iter::once(&region.look).chain(region.moved.as_ref().map(|moved| &moved.ghost)) {
+            if !(0.0..=1.0).contains(&look.opacity) {
+                return fail(format!("has an opacity of {}", look.opacity), "choose one from 0 to 1");
+            }
+            if look.tint.is_some_and(|tint| tint.iter().any(|c| !(0.0..=1.0).contains(c))) {
+                return fail(format!("has a tint of {:?}", look.tint.unwrap_or_default()), "choose colors from 0 to 1");
+            }
         }
     }
+    moved::validate(object)?;
     let mut functions: Vec<&StyleTransferFunction> = Vec::new();
     for function in object.transfer_functions() {
         if !functions.iter().any(|f| f.same_opacity(function)) {

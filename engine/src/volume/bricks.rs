@@ -74,46 +74,88 @@ impl MinMaxBricks {
     /// Chebyshev distance, in bricks, of each brick to the nearest one that `is_occupied` (given its range of stored
     /// numbers); 0 = occupied itself, 255 = that far or farther, or nothing is occupied.
     pub fn distances(&self, is_occupied: impl Fn(f64, f64) -> bool) -> Vec<u8> {
-        self.distances_of(|_, low, high| is_occupied(low, high))
+        chebyshev_distances(self.dims, |i| self.may_show(i) && is_occupied(self.ranges[i].0, self.ranges[i].1))
     }
+}
 
-    /// As [`MinMaxBricks::distances`], given also which brick it is, counted x fastest.
-    pub fn distances_of(&self, is_occupied: impl Fn(usize, f64, f64) -> bool) -> Vec<u8> {
-        let occupied = |i: usize| self.may_show(i) && is_occupied(i, self.ranges[i].0, self.ranges[i].1);
-        let mut distance: Vec<u8> = (0..self.ranges.len()).map(|i| if occupied(i) { 0 } else { u8::MAX }).collect();
-        let [nx, ny, nz] = self.dims.map(|n| n as isize);
-        // Two chamfer sweeps with weight 1 for all 26 neighbors are exact for the Chebyshev metric.
-        let half: Vec<[isize; 3]> = (-1..=1)
-            .flat_map(|z| (-1..=1).flat_map(move |y| (-1..=1).map(move |x| [x, y, z])))
-            .take_while(|&o| o != [0, 0, 0])
-            .collect();
-        let mut relax = |x: isize, y: isize, z: isize, sign: isize| {
-            let at = |x: isize, y: isize, z: isize| (x + nx * (y + ny * z)) as usize;
-            let mut best = distance[at(x, y, z)];
-            for [ox, oy, oz] in &half {
-                let (px, py, pz) = (x + sign * ox, y + sign * oy, z + sign * oz);
-                if (0..nx).contains(&px) && (0..ny).contains(&py) && (0..nz).contains(&pz) {
-                    best = best.min(distance[at(px, py, pz)].saturating_add(1));
-                }
-            }
-            distance[at(x, y, z)] = best;
-        };
-        for z in 0..nz {
-            for y in 0..ny {
-                for x in 0..nx {
-                    relax(x, y, z, 1);
-                }
+/// Chebyshev distance of each cell of a box of `dims` cells (x fastest) to the nearest one that `is_occupied`; 0 = occupied itself,
+/// 255 = that far or farther, or nothing is occupied.
+pub fn chebyshev_distances(dims: [usize; 3], is_occupied: impl Fn(usize) -> bool) -> Vec<u8> {
+    let count = dims.iter().product();
+    let mut distance: Vec<u8> = (0..count).map(|i| if is_occupied(i) { 0 } else { u8::MAX }).collect();
+    let [nx, ny, nz] = dims.map(|n| n as isize);
+    // Two chamfer sweeps with weight 1 for all 26 neighbors are exact for the Chebyshev metric.
+    let half: Vec<[isize; 3]> = (-1..=1)
+        .flat_map(|z| (-1..=1).flat_map(move |y| (-1..=1).map(move |x| [x, y, z])))
+        .take_while(|&o| o != [0, 0, 0])
+        .collect();
+    let mut relax = |x: isize, y: isize, z: isize, sign: isize| {
+        let at = |x: isize, y: isize, z: isize| (x + nx * (y + ny * z)) as usize;
+        let mut best = distance[at(x, y, z)];
+        for [ox, oy, oz] in &half {
+            let (px, py, pz) = (x + sign * ox, y + sign * oy, z + sign * oz);
+            if (0..nx).contains(&px) && (0..ny).contains(&py) && (0..nz).contains(&pz) {
+                best = best.min(distance[at(px, py, pz)].saturating_add(1));
             }
         }
-        for z in (0..nz).rev() {
-            for y in (0..ny).rev() {
-                for x in (0..nx).rev() {
-                    relax(x, y, z, -1);
-                }
+        distance[at(x, y, z)] = best;
+    };
+    for z in 0..nz {
+        for y in 0..ny {
+            for x in 0..nx {
+                relax(x, y, z, 1);
             }
         }
-        distance
     }
+    for z in (0..nz).rev() {
+        for y in (0..ny).rev() {
+            for x in (0..nx).rev() {
+                relax(x, y, z, -1);
+            }
+        }
+    }
+    distance
+}
+
+/// Takes over into `distance` (see [`chebyshev_distances`]) that one more cell is occupied. Gives back whether that changed anything.
+pub fn occupy(distance: &mut [u8], dims: [usize; 3], cell: [usize; 3]) -> bool {
+    let index = |[x, y, z]: [usize; 3]| x + dims[0] * (y + dims[1] * z);
+    if distance[index(cell)] == 0 {
+        return false;
+    }
+    // Shells around the cell, until one is nearer to others throughout: so is all beyond it.
+    for reach in 0..u8::MAX {
+        let range = |a: usize| {
+            let r = usize::from(reach);
+            (cell[a].saturating_sub(r), (cell[a] + r).min(dims[a] - 1))
+        };
+        let [x, y, z] = [range(0), range(1), range(2)];
+        let mut any = false;
+        for k in z.0..=z.1 {
+            for j in y.0..=y.1 {
+                let on_side = cell[1].abs_diff(j).max(cell[2].abs_diff(k)) == usize::from(reach);
+                let mut set = |i: usize| {
+                    if cell[0].abs_diff(i) == usize::from(reach) || on_side {
+                        let d = &mut distance[index([i, j, k])];
+                        any |= *d > reach;
+                        *d = (*d).min(reach);
+                    }
+                };
+                if on_side {
+                    (x.0..=x.1).for_each(set);
+                } else {
+                    set(x.0);
+                    if x.1 > x.0 {
+                        set(x.1);
+                    }
+                }
+            }
+        }
+        if !any {
+            break;
+        }
+    }
+    true
 }
 
 /// First voxel of a brick and its border, and the one behind the last.
@@ -175,5 +217,19 @@ mod tests {
             assert_eq!(usize::from(*d), expected, "brick {i}");
         }
         assert!(bricks.distances(|_, _| false).iter().all(|&d| d == 255));
+    }
+
+    #[test]
+    fn one_more_occupied_cell_is_taken_over() {
+        let dims = [9, 7, 12];
+        let mut occupied = vec![false; 9 * 7 * 12];
+        let mut distance = chebyshev_distances(dims, |i| occupied[i]);
+        for i in 0..40 {
+            let cell = [i * 5 % 9, i * 3 % 7, i * 7 % 12];
+            let at = cell[0] + 9 * (cell[1] + 7 * cell[2]);
+            assert_eq!(occupy(&mut distance, dims, cell), !occupied[at]);
+            occupied[at] = true;
+            assert_eq!(distance, chebyshev_distances(dims, |i| occupied[i]), "{i}");
+        }
     }
 }

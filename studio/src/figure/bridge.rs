@@ -7,7 +7,7 @@ use anyhow::{Context as _, Result, bail};
 use fabrica_engine::Progress;
 use fabrica_engine::color::linear_from_srgb8;
 use fabrica_engine::scene::{
-    self, Camera, Object, Projection, Quality, Region, Scene, StyleTransferFunction, TransferFunctionNode,
+    self, Camera, Look, Object, Projection, Quality, Region, Scene, StyleTransferFunction, TransferFunctionNode,
 };
 use fabrica_engine::selection::Structure;
 use fabrica_engine::styles::{StyleImage, StyleLibrary};
@@ -183,9 +183,12 @@ impl Making<'_> {
             regions.push(Region {
                 name: label.name.clone(),
                 selection: structure.selection.clone(),
-                transfer_function: self.function(function, look.style.as_deref())?,
-                tint: tint.map(|color| color.map(linear_from_srgb8)),
-                opacity: if visible { look.opacity.unwrap_or(1.0) } else { 0.0 },
+                look: Look {
+                    transfer_function: self.function(function, look.style.as_deref())?,
+                    tint: tint.map(|color| color.map(linear_from_srgb8)),
+                    opacity: if visible { look.opacity.unwrap_or(1.0) } else { 0.0 },
+                },
+                moved: None,
             });
         }
         if regions.is_empty() {

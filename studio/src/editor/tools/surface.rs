@@ -86,8 +86,8 @@ fn opacity(object: &Object, at: DVec3, step_mm: f64) -> f64 {
         if share > 0.0 {
             let share = share.min(rest);
             rest -= share;
-            let function = &region.transfer_function;
-            add(share, region.opacity * function.classify(value).opacity, function.reference_length_mm);
+            let function = &region.look.transfer_function;
+            add(share, region.look.opacity * function.classify(value).opacity, function.reference_length_mm);
         }
     }
     let function = &object.transfer_function;
@@ -99,5 +99,5 @@ fn opacity(object: &Object, at: DVec3, step_mm: f64) -> f64 {
 /// regions, is at its end.
 pub fn has_hidden_parts(object: &Object) -> bool {
     let own = &object.transfer_function;
-    object.regions.iter().any(|region| region.opacity < 1.0 || !region.transfer_function.same_opacity(own))
+    object.regions.iter().any(|region| region.look.opacity < 1.0 || !region.look.transfer_function.same_opacity(own))
 }
