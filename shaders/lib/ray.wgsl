@@ -10,6 +10,8 @@ struct Ray {
     world_direction: vec3f,
     // Eye depth gained per mm along the ray: the cosine to the view axis.
     depth_per_mm: f32,
+    // Screen coordinates.
+    screen: vec2f,
 }
 
 // Screen coordinates are in half picture heights from the center, y up, so that the field of view is vertical.
@@ -25,18 +27,17 @@ fn ray_from_pixel(pixel: vec2u) -> Ray {
     let index = object.index_from_world_x * world.x + object.index_from_world_y * world.y
         + object.index_from_world_z * world.z;
     let origin = frame.near_origin + screen.x * frame.near_dx + screen.y * frame.near_dy;
-    return Ray(origin, index, world, per_mm);
+    return Ray(origin, index, world, per_mm, screen);
 }
 
-// Distances in mm at which the ray enters and leaves the box −½ … box_max, from the near plane on;
-// leave ≤ enter: missed.
-fn intersect_box(origin: vec3f, direction: vec3f, box_max: vec3f) -> vec2f {
+// Distances in mm at which the ray enters and leaves a box, from the near plane on; leave ≤ enter: missed.
+fn intersect_box(origin: vec3f, direction: vec3f, low: vec3f, high: vec3f) -> vec2f {
     // A ray parallel to a face is inside its pair of faces everywhere or nowhere: no division by 0, no NaN.
     let parallel = abs(direction) < vec3f(1e-30);
-    let inside = (origin >= vec3f(-0.5)) & (origin <= box_max);
+    let inside = (origin >= low) & (origin <= high);
     let inverse = 1.0 / select(direction, vec3f(1.0), parallel);
-    let a = (vec3f(-0.5) - origin) * inverse;
-    let b = (box_max - origin) * inverse;
+    let a = (low - origin) * inverse;
+    let b = (high - origin) * inverse;
     let far = vec3f(3e38);
     let never = select(far, -far, inside);
     let enter = select(min(a, b), never, parallel);

@@ -13,13 +13,20 @@ fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
     var shown = vec4f(0.0);
     // What the regions want of the place.
     var wanted = 0.0;
+#if meetings
+    // What the looks that are drawn have of that.
+    var present = 0.0;
+#end
     var i = 0u;
     loop {
         let is_rest = i >= list.count;
         let entry = entry_of(list.first + i);
-        let look = select(entry.x, 0u, is_rest);
+        let look = look_in(select(entry.x, 0u, is_rest), march.body);
         let f = select(membership(entry.y, list.brick, p), max(1.0 - wanted, 0.0), is_rest);
         wanted += select(f, 0.0, is_rest);
+#if meetings
+        present += select(0.0, f, abs(look_texel(look, 0u).w) > 1.0);
+#end
         let of_function = look_texel(look, 1u);
         let layer = u32(of_function.x);
         let function = function_of_layer(layer, u32(of_function.z));
@@ -35,5 +42,10 @@ fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
         if is_rest { break; }
     }
     shown /= max(wanted, 1.0);
-    return Seen(shown, select(shown.a, 1.0, shown.a > OPAQUE));
+    let alpha = select(shown.a, 1.0, shown.a > OPAQUE);
+#if meetings
+    return Seen(shown, alpha, present / max(wanted, 1.0));
+#else
+    return Seen(shown, alpha);
+#end
 }

@@ -15,14 +15,21 @@ fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
     var plain = 0.0;
     var tints = vec4f(0.0);
     var wanted = 0.0;
+#if meetings
+    // What the looks that are drawn have of the place.
+    var present = 0.0;
+#end
     var i = 0u;
     loop {
         let is_rest = i >= list.count;
         let entry = entry_of(list.first + i);
-        let look = look_texel(select(entry.x, 0u, is_rest), 0u);
+        let look = look_texel(look_in(select(entry.x, 0u, is_rest), march.body), 0u);
         let f = select(membership(entry.y, list.brick, p), max(1.0 - wanted, 0.0), is_rest);
         wanted += select(f, 0.0, is_rest);
         let weight = f * (abs(look.w) - 1.0);
+#if meetings
+        present += select(0.0, f, abs(look.w) > 1.0);
+#end
         plain += select(0.0, weight, look.w < 0.0);
         tints += select(weight, 0.0, look.w < 0.0) * vec4f(look.rgb, 1.0);
         i += 1u;
@@ -35,5 +42,9 @@ fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
     let share = (plain + tints.a) / max(wanted, 1.0);
     let mixed = vec4f(plain * color + dot(LUMINANCE, color) * tints.rgb, plain + tints.a);
     let alpha = share * found.alpha;
+#if meetings
+    return Seen(mixed, select(alpha, 1.0, alpha > OPAQUE), present / max(wanted, 1.0));
+#else
     return Seen(mixed, select(alpha, 1.0, alpha > OPAQUE));
+#end
 }

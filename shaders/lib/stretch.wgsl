@@ -6,6 +6,7 @@
 #import lib/style
 #import lib/transfer_function
 #import {gradient}
+#import {pose}
 #import {no_data}
 #if colors
 #import lib/seen_color
@@ -24,13 +25,14 @@ struct Edge {
     normal: vec3f,
 }
 
-fn edge_at(p: vec3f) -> Edge {
-    let gradient = gradient_at(p);
+fn edge_at(p: vec3f, body: u32) -> Edge {
     let value = sample_volume(volume, volume_sampler, p, object.texel_scale);
 #if colors
-    return Edge(value, gradient, surface_normal(strongest_change(gradient), face_normal(p)));
+    let gradient = gradient_at(p);
+    return Edge(value, gradient, surface_normal(turned(strongest_change(gradient), body), face_normal(p, body)));
 #else
-    return Edge(value, gradient, surface_normal(gradient, face_normal(p)));
+    let gradient = turned(gradient_at(p), body);
+    return Edge(value, gradient, surface_normal(gradient, face_normal(p, body)));
 #end
 }
 
@@ -45,8 +47,9 @@ struct Stretch {
     share: f32,
 }
 
-// What all stretches of a ray have in common.
+// What all stretches of a ray through a body have in common.
 struct March {
+    body: u32,
     // Index position of the first piece's front, and the change of a step.
     first: vec3f,
     stride: vec3f,
@@ -68,6 +71,10 @@ const MATERIAL_EDGE: f32 = 0.05;
 struct Seen {
     style: vec4f,
     alpha: f32,
+#if meetings
+    // How much of the place its looks have.
+    share: f32,
+#end
 }
 
 // The value a share `w` (0 … 1) of the stretch's way behind its front.
@@ -76,10 +83,10 @@ fn value_at(stretch: Stretch, w: f32) -> f32 {
 }
 
 // ĝ there.
-fn slope_at(stretch: Stretch, w: f32) -> vec3f {
+fn slope_at(stretch: Stretch, w: f32, body: u32) -> vec3f {
     let within = (stretch.index + w) * stretch.share;
 #if colors
-    return strongest_change(stretch.edge.gradient + within * (stretch.next.gradient - stretch.edge.gradient));
+    return turned(strongest_change(stretch.edge.gradient + within * (stretch.next.gradient - stretch.edge.gradient)), body);
 #else
     return mix(stretch.edge.gradient, stretch.next.gradient, within);
 #end
@@ -95,14 +102,14 @@ fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, 
     let w = piece.middle / max(piece.extinction, 1e-30);
     let steps = along(stretch, w);
     let p = march.first + steps * march.stride;
-    let level = style_level(march.depth + steps * march.depth_per_step);
+    let level = style_level(march.depth + steps * march.depth_per_step, march.body);
     let node = piece.node / max(piece.extinction, 1e-30);
-    let slope = slope_at(stretch, w);
+    let slope = slope_at(stretch, w, march.body);
 #if cuts
     let flatness = 1.0 - smoothstep(NO_MATERIAL_EDGE, MATERIAL_EDGE, length(slope));
-    let face = joined_faces(face_normal(p), vec4f(cut.xyz, cut.w * flatness));
+    let face = joined_faces(face_normal(p, march.body), vec4f(cut.xyz, cut.w * flatness));
 #else
-    let face = face_normal(p);
+    let face = face_normal(p, march.body);
 #end
     let style = shade(node, function.last_node, function.row, slope, face, march.direction, march.axes, level);
 #if colors
@@ -110,5 +117,10 @@ fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, 
 #else
     let colored = style;
 #end
-    return Seen(colored, colored.a * one_minus_exp(-piece.extinction) * validity_at(p));
+    let alpha = colored.a * one_minus_exp(-piece.extinction) * validity_at(p);
+#if meetings
+    return Seen(colored, alpha, 1.0);
+#else
+    return Seen(colored, alpha);
+#end
 }

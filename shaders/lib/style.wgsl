@@ -1,6 +1,7 @@
 // Lit-sphere styles (thesis §3.3): the normal, seen along the ray, picks a color and directional opacity.
 #import bind/frame
 #import bind/object
+#import {pose}
 
 // Below this share of G a gradient is rounding noise of the 16-bit copy: no surface. From the next one on it is one.
 const NO_SURFACE: f32 = 2e-4;
@@ -23,8 +24,8 @@ fn ray_frame(ray: vec3f) -> Axes {
 }
 
 // Mip level at an eye depth: a pixel that covers 2^l voxels reads level l.
-fn style_level(depth: f32) -> f32 {
-    return log2(max(1.0, frame.footprint + depth * frame.footprint_growth));
+fn style_level(depth: f32, body: u32) -> f32 {
+    return log2(max(1.0, (frame.footprint + depth * frame.footprint_growth) * voxels_of(body)));
 }
 
 // Outward normal (towards lower values, or out of a face of the box), as long as there is a surface: 1 where there is

@@ -2,6 +2,7 @@
 
 pub mod compare;
 pub mod phantom;
+pub mod twin;
 
 use std::path::{Path, PathBuf};
 

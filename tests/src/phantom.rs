@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use fabrica_engine::scene::{
-    Background, Camera, Object, Projection, Quality, Scene, StyleTransferFunction, TransferFunctionNode,
+    Background, Camera, Look, Object, Projection, Quality, Region, Scene, StyleTransferFunction, TransferFunctionNode,
 };
+use fabrica_engine::selection::{BrickPool, Selection};
 use fabrica_engine::spaces::Grid;
 use fabrica_engine::styles::{StyleImage, StyleLibrary};
 use fabrica_engine::volume::{Rescale, Volume, Voxels};
@@ -104,4 +105,56 @@ pub fn camera(volume: &Volume, from: DVec3, projection: Projection) -> Camera {
     };
     let from = from.normalize();
     Camera::looking(center + distance * from, -from, DVec3::Z, projection).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Memberships that a function of the world position in mm gives.
+pub fn selection(grid: &Grid, pool: &Arc<BrickPool>, f: impl Fn(DVec3) -> f64 + Sync) -> Selection {
+    let mut selection = Selection::empty(*grid, pool);
+    let world = grid.world_from_index();
+    let at = |[x, y, z]: [usize; 3]| world.transform_point3(DVec3::new(x as f64, y as f64, z as f64));
+    selection.change(grid.dims().map(|n| [0, n]), |voxel, _| (f(at(voxel)).clamp(0.0, 1.0) * 255.0).round() as u8);
+    selection
+}
+
+/// 1 in a ball, 0 outside, with an edge of two millimeters.
+pub fn ball(p: DVec3, center: DVec3, radius: f64) -> f64 {
+    0.5 + 0.5 * (radius - p.distance(center))
+}
+
+/// A transfer function of these nodes, whose styles go to the scene's; "white" is one without shading.
+///
+/// # Panics
+/// If a style does not exist.
+pub fn function(scene: &mut Scene, nodes: &[(f64, &str, f64)], reference_length_mm: f64) -> StyleTransferFunction {
+    let nodes = nodes.iter().map(|&(value, name, opacity)| {
+        let position = scene.styles.iter().position(|s| s.name == name).unwrap_or_else(|| {
+            let white = || Arc::new(StyleImage::flat("white", [1.0; 4]));
+            scene.styles.push(if name == "white" { white() } else { style(name) });
+            scene.styles.len() - 1
+        });
+        TransferFunctionNode { value, style: position, opacity }
+    });
+    StyleTransferFunction { nodes: nodes.collect(), reference_length_mm }
+}
+
+/// Adds a region to the scene's object.
+///
+/// # Panics
+/// If a style does not exist.
+pub fn add(
+    scene: &mut Scene,
+    selection: Selection,
+    nodes: &[(f64, &str, f64)],
+    d0: f64,
+    tint: Option<[f32; 3]>,
+    opacity: f64,
+) {
+    let transfer_function = function(scene, nodes, d0);
+    let name = format!("region {}", scene.objects[0].regions.len() + 1);
+    scene.objects[0].regions.push(Region {
+        name,
+        selection,
+        look: Look { transfer_function, tint, opacity },
+        moved: None,
+    });
 }

@@ -15,8 +15,8 @@ use fabrica_engine::scene::{Background, Projection, Quality, Scene};
 use fabrica_engine::spaces::Grid;
 use fabrica_engine::specimen;
 use fabrica_engine::volume::{Rescale, Volume, Voxels};
-use fabrica_tests::compare::agrees;
 use fabrica_tests::phantom::{self, bump, centered};
+use fabrica_tests::twin::{self, replace};
 use fabrica_tests::{renderer, software};
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -64,14 +64,11 @@ const VEIL: &[(f64, &str, f64)] = &[(0.01, "glass", 0.0), (0.1, "wax", 0.05), (0
 const ALL: &[(f64, &str, f64)] = &[(0.0, "clay", 0.8)];
 
 fn draw(renderer: &mut Renderer, scene: &Scene) -> FloatImage {
-    let picture = renderer.render(scene, SIZE, &RenderOptions::default(), &Progress::new()).unwrap();
-    assert!(picture.pixels.iter().flatten().all(|c| c.is_finite()));
-    picture
+    twin::draw(renderer, scene, SIZE)
 }
 
 fn compare(renderer: &mut Renderer, scene: &Scene) -> Result<Difference, String> {
-    let picture = draw(renderer, scene);
-    agrees(&picture, &Reference::new(scene).unwrap().twin(SIZE, &Progress::new()).unwrap(), scene)
+    twin::compare(renderer, scene, SIZE)
 }
 
 #[test]
@@ -126,19 +123,8 @@ fn a_label_maps_colors_draw_what_the_equations_say() {
     found.unwrap();
 }
 
-/// Replaces what must be there: a patch that no longer fits the shader is a failure, not a pass.
-fn replace(text: &str, from: &str, to: &str) -> String {
-    assert!(text.contains(from), "the shader has no \"{from}\" to break");
-    text.replace(from, to)
-}
-
 fn planted(name: &str, patch: ShaderPatch, color: fn(DVec3) -> [u8; 4], nodes: &[(f64, &'static str, f64)]) {
-    let scene = phantom::scene(&lumpy(color), nodes, Quality::balanced(1.0));
-    let mut healthy = renderer();
-    compare(&mut healthy, &scene).unwrap_or_else(|e| panic!("without the defect: {e}"));
-    let found = compare(&mut Renderer::with_patched_shaders(software(), patch), &scene);
-    println!("{name}: {found:?}");
-    assert!(found.is_err(), "{name} goes unnoticed: {found:?}");
+    twin::notices(&phantom::scene(&lumpy(color), nodes, Quality::balanced(1.0)), SIZE, name, patch);
 }
 
 #[test]

@@ -15,6 +15,7 @@ use fabrica_engine::spaces::Grid;
 use fabrica_engine::volume::{Rescale, Volume, Voxels};
 use fabrica_tests::compare::same_settings;
 use fabrica_tests::phantom::{self, bump, centered, lumpy};
+use fabrica_tests::twin::replace;
 use fabrica_tests::{renderer, software};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
@@ -181,12 +182,6 @@ fn held_to_reference(
         "{what:?}: the adapter and the reference differ: {found:?}"
     );
     (picture, found)
-}
-
-/// Changes the text of a shader: one that no longer fits is a failure, not a pass.
-fn replace(text: &str, from: &str, to: &str) -> String {
-    assert!(text.contains(from), "the shader has no \"{from}\" to break");
-    text.replace(from, to)
 }
 
 // ---- step 4 to 1/64 voxel; 1e5 samples on a ray

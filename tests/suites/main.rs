@@ -8,6 +8,7 @@ mod estimate;
 mod extremes;
 mod hostile;
 mod labels;
+mod moved;
 mod orientation;
 mod pipelines;
 mod raycast;

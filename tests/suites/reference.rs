@@ -5,24 +5,21 @@ use std::sync::Arc;
 use fabrica_engine::Progress;
 use fabrica_engine::measure::Difference;
 use fabrica_engine::pass::raycast::ShaderPatch;
-use fabrica_engine::reference::Reference;
-use fabrica_engine::render::{RenderOptions, Renderer};
+use fabrica_engine::render::Renderer;
 use fabrica_engine::scene::{Background, Projection, Quality, Scene};
 use fabrica_engine::spaces::Grid;
 use fabrica_engine::specimen;
 use fabrica_engine::volume::{Rescale, Volume, Voxels};
-use fabrica_tests::compare::agrees;
 use fabrica_tests::phantom::{self, centered, lumpy};
-use fabrica_tests::{renderer, software};
+use fabrica_tests::renderer;
+use fabrica_tests::twin::{self, replace};
 use glam::{DAffine3, DMat3, DVec3};
 
 const SIZE: [u32; 2] = [48, 40];
 
 fn compare(renderer: &mut Renderer, scene: &Scene) -> Result<Difference, String> {
     assert_eq!(scene.background, Background::Transparent);
-    let picture = renderer.render(scene, SIZE, &RenderOptions::default(), &Progress::new()).unwrap();
-    let reference = Reference::new(scene).unwrap().twin(SIZE, &Progress::new()).unwrap();
-    agrees(&picture, &reference, scene)
+    twin::compare(renderer, scene, SIZE)
 }
 
 const OPAQUE: &[(f64, &str, f64)] = &[(150.0, "bone", 0.0), (300.0, "bone", 0.9), (700.0, "vessel", 1.0)];
@@ -113,17 +110,7 @@ fn the_specimen_draws_what_the_equations_say() {
 fn planted(name: &str, patch: ShaderPatch, nodes: &[(f64, &'static str, f64)]) {
     // One voxel a step: there a wrong step shows more than at a finer one.
     let scene = phantom::scene(&lumpy(), nodes, Quality::balanced(1.0));
-    let mut healthy = renderer();
-    compare(&mut healthy, &scene).unwrap_or_else(|e| panic!("without the defect: {e}"));
-    let mut broken = Renderer::with_patched_shaders(software(), patch);
-    let found = compare(&mut broken, &scene);
-    assert!(found.is_err(), "{name} goes unnoticed: {found:?}");
-}
-
-/// Replaces what must be there: a patch that no longer fits the shader is a failure, not a pass.
-fn replace(text: &str, from: &str, to: &str) -> String {
-    assert!(text.contains(from), "the shader has no \"{from}\" to break");
-    text.replace(from, to)
+    twin::notices(&scene, SIZE, name, patch);
 }
 
 #[test]

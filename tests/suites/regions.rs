@@ -7,17 +7,13 @@ use fabrica_engine::Progress;
 use fabrica_engine::gpu::context::VolumeFormats;
 use fabrica_engine::measure::Difference;
 use fabrica_engine::pass::raycast::ShaderPatch;
-use fabrica_engine::reference::Reference;
 use fabrica_engine::render::{FloatImage, RenderOptions, Renderer};
-use fabrica_engine::scene::{
-    Look, Object, Projection, Quality, Region, Scene, StyleTransferFunction, TransferFunctionNode,
-};
+use fabrica_engine::scene::{Object, Projection, Quality, Scene};
 use fabrica_engine::selection::{BrickPool, Selection};
 use fabrica_engine::spaces::Grid;
-use fabrica_engine::styles::StyleImage;
 use fabrica_engine::volume::{Rescale, Volume, Voxels};
-use fabrica_tests::compare::agrees;
-use fabrica_tests::phantom::{self, centered, lumpy};
+use fabrica_tests::phantom::{self, add, ball, centered, function, lumpy, selection};
+use fabrica_tests::twin::{self, replace};
 use fabrica_tests::{renderer, software};
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -27,51 +23,6 @@ const BODY: &[(f64, &str, f64)] = &[(150.0, "bone", 0.0), (300.0, "bone", 0.9), 
 const VEIL: &[(f64, &str, f64)] = &[(100.0, "glass", 0.0), (400.0, "wax", 0.05), (600.0, "muscle", 0.1)];
 const SOLID: &[(f64, &str, f64)] = &[(250.0, "clay", 0.0), (350.0, "steel", 0.8)];
 const THIN: &[(f64, &str, f64)] = &[(100.0, "clay", 0.001), (900.0, "cool_warm", 0.02)];
-
-/// Memberships that a function of the world position in mm gives.
-fn selection(grid: &Grid, pool: &Arc<BrickPool>, f: impl Fn(DVec3) -> f64 + Sync) -> Selection {
-    let mut selection = Selection::empty(*grid, pool);
-    let world = grid.world_from_index();
-    let at = |[x, y, z]: [usize; 3]| world.transform_point3(DVec3::new(x as f64, y as f64, z as f64));
-    selection.change(grid.dims().map(|n| [0, n]), |voxel, _| (f(at(voxel)).clamp(0.0, 1.0) * 255.0).round() as u8);
-    selection
-}
-
-fn ball(p: DVec3, center: DVec3, radius: f64) -> f64 {
-    // An edge of two voxels: fuzzy.
-    0.5 + 0.5 * (radius - p.distance(center))
-}
-
-/// A transfer function of these nodes, whose styles go to the scene's.
-fn function(scene: &mut Scene, nodes: &[(f64, &str, f64)], reference_length_mm: f64) -> StyleTransferFunction {
-    let nodes = nodes.iter().map(|&(value, name, opacity)| {
-        let position = scene.styles.iter().position(|s| s.name == name).unwrap_or_else(|| {
-            let white = || Arc::new(StyleImage::flat("white", [1.0; 4]));
-            scene.styles.push(if name == "white" { white() } else { phantom::style(name) });
-            scene.styles.len() - 1
-        });
-        TransferFunctionNode { value, style: position, opacity }
-    });
-    StyleTransferFunction { nodes: nodes.collect(), reference_length_mm }
-}
-
-fn add(
-    scene: &mut Scene,
-    selection: Selection,
-    nodes: &[(f64, &str, f64)],
-    d0: f64,
-    tint: Option<[f32; 3]>,
-    opacity: f64,
-) {
-    let transfer_function = function(scene, nodes, d0);
-    let name = format!("region {}", scene.objects[0].regions.len() + 1);
-    scene.objects[0].regions.push(Region {
-        name,
-        selection,
-        look: Look { transfer_function, tint, opacity },
-        moved: None,
-    });
-}
 
 /// A body with a fuzzy ball, a crisp half that overlaps it, and a cut-out corner.
 fn divided(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality) -> Scene {
@@ -87,14 +38,11 @@ fn divided(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality) -
 }
 
 fn draw(renderer: &mut Renderer, scene: &Scene) -> FloatImage {
-    let picture = renderer.render(scene, SIZE, &RenderOptions::default(), &Progress::new()).unwrap();
-    assert!(picture.pixels.iter().flatten().all(|c| c.is_finite()));
-    picture
+    twin::draw(renderer, scene, SIZE)
 }
 
 fn compare(renderer: &mut Renderer, scene: &Scene) -> Result<Difference, String> {
-    let picture = draw(renderer, scene);
-    agrees(&picture, &Reference::new(scene).unwrap().twin(SIZE, &Progress::new()).unwrap(), scene)
+    twin::compare(renderer, scene, SIZE)
 }
 
 #[test]
@@ -185,14 +133,7 @@ fn planted(name: &str, patch: ShaderPatch) {
 }
 
 fn notices(scene: &Scene, name: &str, patch: ShaderPatch) {
-    compare(&mut renderer(), scene).unwrap_or_else(|e| panic!("without the defect: {e}"));
-    let found = compare(&mut Renderer::with_patched_shaders(software(), patch), scene);
-    assert!(found.is_err(), "{name} goes unnoticed: {found:?}");
-}
-
-fn replace(text: &str, from: &str, to: &str) -> String {
-    assert!(text.contains(from), "the shader has no \"{from}\" to break");
-    text.replace(from, to)
+    twin::notices(scene, SIZE, name, patch);
 }
 
 #[test]

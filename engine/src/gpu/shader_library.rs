@@ -15,6 +15,7 @@ macro_rules! modules {
 
 /// Every module: (name, text).
 pub const MODULES: &[(&str, &str)] = modules![
+    "bind/bodies",
     "bind/colors",
     "bind/frame",
     "bind/functions",
@@ -30,7 +31,10 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/functions",
     "lib/gradient",
     "lib/gradient_color",
+    "lib/meeting",
     "lib/opacity",
+    "lib/pose_moved",
+    "lib/pose_rest",
     "lib/ray",
     "lib/region",
     "lib/resume_none",
@@ -50,6 +54,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/transfer_function",
     "lib/validity_all",
     "raycast",
+    "raycast_bodies",
 ];
 
 /// What a raycast pipeline is made for. Equal keys have equal text.
@@ -71,6 +76,10 @@ pub struct RaycastKey {
     pub functions: bool,
     /// Some regions are more opaque than others, so that where they end there is a face; never without `regions`.
     pub cuts: bool,
+    /// Some regions were moved, so that there are several bodies; never without `regions`, and always with `cuts`.
+    pub bodies: bool,
+    /// There are intersection transfer functions; never without `bodies`.
+    pub meetings: bool,
     /// The pass goes on where another one had to stop.
     pub resumed: bool,
 }
@@ -85,6 +94,8 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.regions { " regions" } else { "" })?;
         f.write_str(if self.functions { " functions" } else { "" })?;
         f.write_str(if self.cuts { " cuts" } else { "" })?;
+        f.write_str(if self.bodies { " bodies" } else { "" })?;
+        f.write_str(if self.meetings { " meetings" } else { "" })?;
         f.write_str(if self.resumed { " resumed" } else { "" })
     }
 }
@@ -92,7 +103,8 @@ impl std::fmt::Display for RaycastKey {
 impl RaycastKey {
     /// Every key there is.
     pub fn all() -> impl Iterator<Item = Self> {
-        (0..240).map(|n| Self {
+        // No regions; regions with one function and several; the same with faces; with bodies; with meetings.
+        (0..9 * 48).map(|n| Self {
             filtered: n & 1 == 0,
             table_filtered: n & 2 == 0,
             no_data: n & 4 != 0,
@@ -101,7 +113,9 @@ impl RaycastKey {
             alpha: n % 48 >= 32,
             regions: n >= 48,
             functions: (n / 48) % 2 == 0 && n >= 48,
-            cuts: n >= 144,
+            cuts: n >= 3 * 48,
+            bodies: n >= 5 * 48,
+            meetings: n >= 7 * 48,
         })
     }
 
@@ -118,6 +132,7 @@ impl RaycastKey {
             "function" => Some(if self.functions { "lib/functions" } else { "lib/function_one" }),
             "seen" if self.functions => Some("lib/seen_regions"),
             "seen" => Some(if self.regions { "lib/seen_tints" } else { "lib/seen_one" }),
+            "pose" => Some(if self.bodies { "lib/pose_moved" } else { "lib/pose_rest" }),
             "resume" => Some(if self.resumed { "bind/resume" } else { "lib/resume_none" }),
             _ => None,
         };
@@ -127,9 +142,10 @@ impl RaycastKey {
             "regions" => Some(self.regions),
             "functions" => Some(self.functions),
             "cuts" => Some(self.cuts),
+            "meetings" => Some(self.meetings),
             _ => None,
         };
-        assemble("raycast", &choose, &has)
+        assemble(if self.bodies { "raycast_bodies" } else { "raycast" }, &choose, &has)
     }
 }
 

@@ -1,5 +1,6 @@
 //! Passes: what is drawn in a frame, each with its per-frame data.
 
+pub mod bodies;
 pub mod places;
 pub mod raycast;
 pub mod regions;

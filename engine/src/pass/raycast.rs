@@ -7,6 +7,7 @@ use std::sync::{Arc, Weak};
 use glam::DVec3;
 use wgpu::util::DeviceExt as _;
 
+use super::bodies::{bodies_uniform, bounding_sphere, most_pieces, strengths};
 use super::regions::{RegionLooks, Tables};
 use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::error::{Error, Result, remedies};
@@ -96,30 +97,54 @@ pub struct ObjectUniform {
 }
 }
 
-impl FrameUniform {
-    /// Of a picture of `image_size` pixels. Origins lie on a near plane at the front of the object's bounding
-    /// sphere, found in f64: from there on f32 only has to resolve the object, however far the eye is.
-    pub fn new(camera: &Camera, grid: &Grid, quality: &Quality, image_size: [u32; 2]) -> Self {
-        let (low, high) = grid.index_box();
-        let center = grid.world_from_index().transform_point3(0.5 * (low + high));
-        let radius = grid.box_corners_mm(low, high).iter().map(|corner| corner.distance(center)).fold(0.0, f64::max);
-        let front = (center - camera.eye_mm).dot(camera.forward) - radius;
-        let half = camera.half_height();
-        let to_index = |v: DVec3| grid.index_from_world().transform_vector3(v).as_vec3().to_array();
-        let (near_depth, plane, spread) = match camera.projection {
-            Projection::Perspective { .. } => (front.max(0.0), half * front.max(0.0), half),
-            Projection::Orthographic { .. } => (front, half, 0.0),
+/// The plane at the front of all that is drawn where rays begin, found in f64: from there on f32 only has to resolve what is drawn,
+/// however far the eye is.
+#[derive(Clone, Copy, Debug)]
+pub struct NearPlane {
+    /// From the eye, mm.
+    pub depth_mm: f64,
+    /// Radius of the sphere around all that is drawn.
+    pub radius_mm: f64,
+    /// Half the height of the picture on the plane, mm.
+    half_height_mm: f64,
+}
+
+impl NearPlane {
+    /// In front of a sphere, given its center and radius in mm.
+    pub fn new(camera: &Camera, (center, radius_mm): (DVec3, f64)) -> Self {
+        let front = (center - camera.eye_mm).dot(camera.forward) - radius_mm;
+        let (depth_mm, half_height_mm) = match camera.projection {
+            Projection::Perspective { .. } => (front.max(0.0), camera.half_height() * front.max(0.0)),
+            Projection::Orthographic { .. } => (front, camera.half_height()),
         };
-        let near_center = camera.eye_mm + near_depth * camera.forward;
+        Self { depth_mm, radius_mm, half_height_mm }
+    }
+
+    /// Its point in the middle of the picture, in world mm, and the changes per unit of screen x and y.
+    pub fn plane(&self, camera: &Camera) -> (DVec3, [DVec3; 2]) {
+        let across = [camera.right, camera.up].map(|axis| self.half_height_mm * axis);
+        (camera.eye_mm + self.depth_mm * camera.forward, across)
+    }
+}
+
+impl FrameUniform {
+    /// Of a picture of `image_size` pixels.
+    pub fn new(camera: &Camera, grid: &Grid, near: &NearPlane, quality: &Quality, image_size: [u32; 2]) -> Self {
+        let to_index = |v: DVec3| grid.index_from_world().transform_vector3(v).as_vec3().to_array();
+        let spread = match camera.projection {
+            Projection::Perspective { .. } => camera.half_height(),
+            Projection::Orthographic { .. } => 0.0,
+        };
+        let (near_center, [dx, dy]) = near.plane(camera);
         let (footprint, growth) = camera.pixel_footprint_mm(image_size[1]);
         let voxel = grid.spacing_mm().min_element();
         Self {
             near_origin: grid.index_from_world().transform_point3(near_center).as_vec3().to_array(),
             step_voxels: quality.step_voxels as f32,
-            near_dx: to_index(plane * camera.right),
+            near_dx: to_index(dx),
             termination: quality.termination as f32,
-            near_dy: to_index(plane * camera.up),
-            near_depth: near_depth as f32,
+            near_dy: to_index(dy),
+            near_depth: near.depth_mm as f32,
             forward: camera.forward.as_vec3().to_array(),
             footprint: (footprint / voxel) as f32,
             forward_dx: (spread * camera.right).as_vec3().to_array(),
@@ -162,6 +187,7 @@ pub struct RaycastObject {
     pub key: RaycastKey,
     bind_group: wgpu::BindGroup,
     grid: Grid,
+    near: NearPlane,
     /// Passes that its longest ray needs, one after the other.
     pub num_passes: u32,
     /// Pieces of a ray that a pass walks.
@@ -209,6 +235,13 @@ struct Shared {
     /// Bindings 16 and 17, of `shaders/bind/functions.wgsl`.
     functions: Option<(wgpu::Buffer, wgpu::TextureView)>,
     cuts: bool,
+    bodies: Option<MovedBodies>,
+}
+
+/// What moved regions add: bindings 18 and 19 of `shaders/bind/bodies.wgsl`.
+struct MovedBodies {
+    uniform: wgpu::Buffer,
+    strengths: Option<wgpu::TextureView>,
 }
 
 /// Looks of objects with regions that are kept: the steps of a refining picture.
@@ -296,6 +329,8 @@ impl RaycastPass {
             regions: false,
             functions: false,
             cuts: false,
+            bodies: false,
+            meetings: false,
             resumed: false,
         };
         let device = &context.device;
@@ -308,7 +343,14 @@ impl RaycastPass {
         };
         let key = match &bound.shared {
             None => key,
-            Some(s) => RaycastKey { regions: true, functions: s.functions.is_some(), cuts: s.cuts, ..key },
+            Some(s) => RaycastKey {
+                regions: true,
+                functions: s.functions.is_some(),
+                cuts: s.cuts || s.bodies.is_some(),
+                bodies: s.bodies.is_some(),
+                meetings: s.bodies.as_ref().is_some_and(|b| b.strengths.is_some()),
+                ..key
+            },
         };
         let uniform = uniform_buffer(context, "object", bytemuck::bytes_of(&bound.uniform));
         let styles = self.style_array(context, &scene.styles)?;
@@ -326,8 +368,7 @@ impl RaycastPass {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
-        let diagonal = DVec3::from_array(grid.dims().map(|n| n as f64)).length();
-        let num_pieces = (diagonal / scene.quality.step_voxels).ceil() as u32 + 1;
+        let num_pieces = most_pieces(object, scene.quality.step_voxels);
         let num_passes = num_pieces.div_ceil(bound.pieces_per_pass);
         if num_passes > 1 {
             self.pipeline(context, RaycastKey { resumed: true, ..key })?;
@@ -353,13 +394,18 @@ impl RaycastPass {
                 entries.push(wgpu::BindGroupEntry { binding: 16, resource: uniform.as_entire_binding() });
                 entries.push(texture_entry(17, may_show));
             }
+            if let Some(bodies) = &shared.bodies {
+                entries.push(wgpu::BindGroupEntry { binding: 18, resource: bodies.uniform.as_entire_binding() });
+                entries.extend(bodies.strengths.as_ref().map(|view| texture_entry(19, view)));
+            }
         }
         let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("object"),
             layout: &pipeline.object_layout,
             entries: &entries,
         });
-        Ok(RaycastObject { key, bind_group, grid, num_passes, pieces_per_pass: bound.pieces_per_pass })
+        let near = NearPlane::new(&scene.camera, bounding_sphere(object));
+        Ok(RaycastObject { key, bind_group, grid, near, num_passes, pieces_per_pass: bound.pieces_per_pass })
     }
 
     /// What an object without regions is drawn with.
@@ -423,6 +469,15 @@ impl RaycastPass {
         let functions = looks.functions().map(|(uniform, may_show)| {
             (uniform_buffer(context, "functions", bytemuck::bytes_of(&uniform)), may_show.clone())
         });
+        let has_moved = object.regions.iter().any(|region| region.moved().is_some());
+        let bodies = has_moved.then(|| {
+            let near = NearPlane::new(&scene.camera, bounding_sphere(object));
+            let uniform = bodies_uniform(object, resident, &scene.camera, &near, looks.sections());
+            MovedBodies {
+                uniform: uniform_buffer(context, "bodies", bytemuck::bytes_of(&uniform)),
+                strengths: strengths(context, object),
+            }
+        });
         let [directory, entries, atlas] = regions.views();
         Ok(Bound {
             uniform: object_uniform(scene, object, resident, looks.table()),
@@ -434,6 +489,7 @@ impl RaycastPass {
                 textures: [directory, entries, atlas, looks.region_looks.clone()],
                 functions,
                 cuts: looks.cuts,
+                bodies,
             }),
             pieces_per_pass: (MAX_ROUNDS / 2 / rounds_per_piece).max(1),
         })
@@ -442,7 +498,10 @@ impl RaycastPass {
     /// The frame uniform for an object, before it is narrowed to a tile.
     pub fn frame(&self, scene: &Scene, object: &RaycastObject, image_size: [u32; 2]) -> FrameUniform {
         let pieces = [0, object.pieces_per_pass];
-        FrameUniform { pieces, ..FrameUniform::new(&scene.camera, &object.grid, &scene.quality, image_size) }
+        FrameUniform {
+            pieces,
+            ..FrameUniform::new(&scene.camera, &object.grid, &object.near, &scene.quality, image_size)
+        }
     }
 
     /// Records the drawing of one tile into the lower-index corner of `target`. `gathered`: what the passes before have
@@ -686,6 +745,13 @@ fn make_pipeline(
                 entry(16, uniform_binding()),
                 entry(17, texture_binding(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)),
             ]);
+        }
+        if key.bodies {
+            entries.push(entry(18, uniform_binding()));
+        }
+        if key.meetings {
+            let filtered = wgpu::TextureSampleType::Float { filterable: true };
+            entries.push(entry(19, texture_binding(filtered, arrays)));
         }
         let object_layout = device
             .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("object"), entries: &entries });

@@ -12,7 +12,7 @@ use crate::gpu::regions::{LIST_WIDTH, ResidentRegions};
 use crate::gpu::upload::{ResidentVolume, extent};
 use crate::scene::quality::PARTS;
 use crate::scene::region::MAX_OPACITY_FUNCTIONS;
-use crate::scene::{Look, Object, StyleTransferFunction};
+use crate::scene::{Look, Object, Role, StyleTransferFunction};
 use crate::volume::Volume;
 
 /// Cells along each axis of what tells whether anything shows between two values.
@@ -178,15 +178,19 @@ impl RegionLooks {
     ) -> Result<Self> {
         let background = Look::plain(object.transfer_function.clone());
         // Of each body, and of each look in it; none where it is not shown.
-        let shown: Vec<Vec<Option<&Look>>> = object
-            .bodies()
+        let bodies = object.bodies();
+        let mut shown: Vec<Vec<Option<&Look>>> = bodies
             .iter()
-            .enumerate()
-            .map(|(b, body)| {
+            .map(|body| {
                 let own = (0..object.regions.len()).map(|i| body.look(object, i));
-                std::iter::once((b == 0).then_some(&background)).chain(own).collect()
+                std::iter::once((body.role == Role::Rest).then_some(&background)).chain(own).collect()
             })
             .collect();
+        if bodies.iter().any(|body| body.role == Role::Ghost) {
+            // All that rests, for the faces in it: where a ghost is a body of its own, the rest does not end.
+            let resting = object.regions.iter().map(|r| Some(r.moved().map_or(&r.look, |moved| &moved.ghost)));
+            shown.push(std::iter::once(Some(&background)).chain(resting).collect());
+        }
         let all = || shown.iter().flatten();
         let mut layers: Vec<&StyleTransferFunction> = Vec::new();
         let mut rows: Vec<Vec<u32>> = Vec::new();
@@ -329,7 +333,7 @@ impl RegionLooks {
         let look = 2 + list;
         let num_layers = if self.functions.is_some() { self.layers.len() as u32 } else { 0 };
         let own = num_layers + list + (PARTS + 1) * (1 + look);
-        let num_bodies = self.bits.len() as u32;
+        let num_bodies = self.drawn.bodies.len() as u32;
         if num_bodies == 1 {
             // Those of the march, of the layers that are asked whether they show the piece, and of each part.
             return [6 + own, look];

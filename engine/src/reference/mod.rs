@@ -8,6 +8,7 @@
 //! [`style::ray_frame`], [`style::style_uv`], [`style::style_level`], [`style::shade`], [`opacity::opacity_correct`],
 //! [`walk::composite`].
 
+pub mod bodies;
 pub mod color;
 pub mod opacity;
 pub mod piece;
@@ -29,6 +30,7 @@ use crate::scene::{Object, Scene};
 use crate::volume::Voxel;
 use crate::volume::no_data::fill_no_data;
 use crate::with_voxels;
+use bodies::prepare_bodies;
 use color::{Jacobian, premultiplied};
 use ray::ray_from_pixel;
 use sample::{Lattice, gradient_max, gradient_volume, sample_volume, steepest};
@@ -198,9 +200,8 @@ fn prepare<'a>(scene: &'a Scene, object: &'a Object) -> Result<Prepared<'a>> {
         data,
         validity,
         world_gradient_from_index,
-        looks: std::iter::once(region::Look::background(&object.transfer_function))
-            .chain(object.regions.iter().map(region::Look::region))
-            .collect(),
+        value_range: object.data_range(),
+        bodies: prepare_bodies(object),
         reference_length_mm: object.reference_length_mm(),
         styles: &scene.styles,
     })

@@ -1,11 +1,13 @@
 //! Regions (docs/rendering.md §8): how a place is shared out among a volume's regions and its background, and the faces that
 //! appear where what shows ends because a region does.
 
+use std::sync::Arc;
+
 use glam::{DMat3, DVec3};
 
 use super::sample::{Lattice, sample_volume};
 use super::style::Face;
-use crate::scene::{Region, StyleTransferFunction};
+use crate::scene::{self, Region, StyleTransferFunction};
 
 /// ‖ĝ‖ up to which the end of a region makes a face, and from which on the data's own surface does.
 const NO_MATERIAL_EDGE: f64 = 0.025;
@@ -17,7 +19,7 @@ const SHARP_END: f64 = 0.25;
 #[derive(Clone, Debug)]
 pub struct Look<'a> {
     /// f per voxel; none for the background, which has what is left.
-    pub membership: Option<Lattice>,
+    pub membership: Option<Arc<Lattice>>,
     /// Value → style and opacity.
     pub transfer_function: &'a StyleTransferFunction,
     /// Takes the place of the styles' colors.
@@ -32,16 +34,21 @@ impl<'a> Look<'a> {
         Self { membership: None, transfer_function, tint: None, opacity: 1.0 }
     }
 
-    /// Of a region, voxel by voxel.
-    pub fn region(region: &'a Region) -> Self {
+    /// f of a region, voxel by voxel.
+    pub fn memberships(region: &Region) -> Lattice {
         let dims = region.selection.grid().dims();
         let [nx, ny, _] = dims;
         let voxel = |i: usize| f64::from(region.selection.get([i % nx, i / nx % ny, i / (nx * ny)])) / 255.0;
+        Lattice { dims, values: (0..dims.iter().product()).map(voxel).collect() }
+    }
+
+    /// Of a region with these memberships.
+    pub fn region(look: &'a scene::Look, membership: Arc<Lattice>) -> Self {
         Self {
-            membership: Some(Lattice { dims, values: (0..dims.iter().product()).map(voxel).collect() }),
-            transfer_function: &region.look.transfer_function,
-            tint: region.look.tint.map(|tint| DVec3::from_array(tint.map(f64::from))),
-            opacity: region.look.opacity,
+            membership: Some(membership),
+            transfer_function: &look.transfer_function,
+            tint: look.tint.map(|tint| DVec3::from_array(tint.map(f64::from))),
+            opacity: look.opacity,
         }
     }
 }

@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec3, DVec4};
 
+use super::bodies::{Interval, PreparedBody, Shown, combine, intervals};
 use super::color::{Jacobian, luminance};
 use super::opacity::opacity_correct;
 use super::piece::{Piece, classify_piece};
-use super::ray::{Ray, samples};
+use super::ray::{Ray, Samples};
 use super::region::{Look, cut_face, joined, shares, where_flat};
 use super::sample::{Lattice, gradient_at, sample_volume, trilinear};
 use super::style::{
@@ -36,8 +37,10 @@ pub struct Prepared<'a> {
     pub gradient_max: f64,
     /// M⁻ᵀ.
     pub world_gradient_from_index: DMat3,
-    /// Of the background, and of each region.
-    pub looks: Vec<Look<'a>>,
+    /// Smallest and largest data value.
+    pub value_range: (f64, f64),
+    /// What rests, and what was moved.
+    pub bodies: Vec<PreparedBody<'a>>,
     /// d₀, mm: the shortest of theirs.
     pub reference_length_mm: f64,
     /// What the transfer function's nodes refer to.
@@ -99,29 +102,35 @@ pub fn composite(front: [f64; 4], back: [f64; 4]) -> [f64; 4] {
     std::array::from_fn(|c| front[c] + clear * back[c])
 }
 
-/// One ray through an object: all that its samples share.
+/// One ray through a body of an object: all that its samples share.
 struct Line<'a> {
     object: &'a Prepared<'a>,
+    body: &'a PreparedBody<'a>,
     camera: &'a Camera,
     image_height: u32,
     ray: &'a Ray,
     frame: RayFrame,
-    smallest_spacing_mm: f64,
     origin: DVec3,
     direction: DVec3,
 }
 
 impl<'a> Line<'a> {
-    fn new(object: &'a Prepared<'a>, camera: &'a Camera, image_height: u32, ray: &'a Ray) -> Self {
+    fn new(
+        object: &'a Prepared<'a>,
+        body: &'a PreparedBody<'a>,
+        camera: &'a Camera,
+        image_height: u32,
+        ray: &'a Ray,
+    ) -> Self {
         Self {
             object,
+            body,
             camera,
             image_height,
             ray,
             frame: ray_frame(camera, ray.direction),
-            smallest_spacing_mm: object.grid.spacing_mm().min_element(),
-            origin: object.grid.index_from_world().transform_point3(ray.origin_mm),
-            direction: object.grid.index_from_world().matrix3 * ray.direction,
+            origin: body.index_from_world.transform_point3(ray.origin_mm),
+            direction: body.index_from_world.matrix3 * ray.direction,
         }
     }
 
@@ -134,7 +143,17 @@ impl<'a> Line<'a> {
         sample_volume(&self.object.data, self.at(t))
     }
 
-    /// What ĝ at `t` is taken from.
+    /// The face of the volume near `t`, as the body lies.
+    fn face(&self, t: f64) -> Face {
+        self.body.turned_face(face_normal(&self.object.grid, self.at(t)))
+    }
+
+    /// ĝ of a slope, as the body lies.
+    fn gradient(&self, slope: &Slope) -> DVec3 {
+        self.body.turned(slope.gradient())
+    }
+
+    /// What ĝ at `t` is taken from, at rest.
     fn slope(&self, t: f64) -> Slope {
         let (object, p) = (self.object, self.at(t));
         let to_world = object.world_gradient_from_index * (1.0 / object.gradient_max);
@@ -170,11 +189,11 @@ impl<'a> Line<'a> {
         }
         let p = self.at(t);
         let has_data = self.object.validity.as_ref().map_or(1.0, |validity| sample_volume(validity, p));
-        let face = joined(face_normal(&self.object.grid, p), where_flat(cut, gradient.length()));
+        let face = joined(self.face(t), where_flat(cut, gradient.length()));
         let n_xy = style_normal(gradient, face, self.ray.direction, &self.frame);
         let depth_mm = (self.ray.origin_mm + t * self.ray.direction - self.camera.eye_mm).dot(self.camera.forward);
         let steepness = steepness(gradient, face);
-        let level = style_level(self.camera, self.image_height, depth_mm, self.smallest_spacing_mm, steepness);
+        let level = style_level(self.camera, self.image_height, depth_mm, self.body.spacing_mm, steepness);
         let (style, alpha_d) = shade(self.object.styles, class, n_xy, level);
         let (light, coverage) = match &self.object.colors {
             None => (DVec3::from_array(style), 1.0),
@@ -194,39 +213,58 @@ impl<'a> Line<'a> {
 
     /// The face that regions make at `t`, of looks of which so much shows.
     fn cut(&self, t: f64, shown: impl Iterator<Item = f64>) -> Face {
-        let looks = &self.object.looks;
+        let looks = &self.body.cut_looks;
         if looks.len() < 2 {
             return Face { normal: DVec3::ZERO, weight: 0.0 };
         }
         let opacities: Vec<f64> = looks.iter().zip(shown).map(|(look, shown)| look.opacity * shown).collect();
-        cut_face(looks, self.at(t), &opacities, self.object.world_gradient_from_index)
+        self.body.turned_face(cut_face(looks, self.at(t), &opacities, self.object.world_gradient_from_index))
     }
 
-    /// What shows of a stretch of `length_mm`, composited under `result`: of each look what `seen` says, which is where
-    /// along the ray it is seen, as what, and with which gradient. The looks share the place at `t` (mm); `cut` is the face that
-    /// the regions make there.
-    fn see(&self, result: &mut March, t: f64, seen: &[(f64, Classification, DVec3)], cut: Face, length_mm: f64) {
-        let (looks, p) = (&self.object.looks, self.at(t));
-        if seen.iter().all(|(_, class, _)| class.opacity <= 0.0) {
-            return;
-        }
+    /// What shows of a stretch: of each look what `seen` says, which is where along the ray it is seen, as what, and with which
+    /// gradient. The looks share the place at `t` (mm); `cut` is the face that the regions make there. Straight color, opacity of a
+    /// reference length, and what the looks have of the place.
+    fn see(&self, t: f64, seen: &[(f64, Classification, DVec3)], cut: Face) -> (DVec3, f64, f64) {
+        let looks = &self.body.looks;
         let mut shown = [0.0; 4];
-        for ((look, share), (t, class, gradient)) in looks.iter().zip(shares(looks, p)).zip(seen) {
+        let mut present = 0.0;
+        for ((look, share), (t, class, gradient)) in looks.iter().zip(shares(looks, self.at(t))).zip(seen) {
             if share <= 0.0 {
                 continue;
             }
+            present += if look.opacity > 0.0 { share } else { 0.0 };
             if let Some(([red, green, blue], alpha)) = self.appearance(look, *t, class, *gradient, cut) {
                 let weight = share * alpha;
                 [red, green, blue, 1.0].iter().zip(&mut shown).for_each(|(c, sum)| *sum += weight * c);
             }
         }
-        let alpha = opacity_correct(shown[3].min(1.0), length_mm / self.object.reference_length_mm);
-        if alpha > 0.0 {
-            result.num_visible += 1;
-            let color = shown.map(|c| c / shown[3] * alpha);
-            result.rgba = composite(result.rgba, color);
-        }
+        let [r, g, b, alpha] = shown;
+        let color = if alpha > 0.0 { DVec3::new(r, g, b) / alpha } else { DVec3::ZERO };
+        (color, alpha.min(1.0), present)
     }
+
+    /// A data value as a share of the volume's range.
+    fn within_range(&self, value: f64) -> f64 {
+        let (low, high) = self.object.value_range;
+        if high > low { (value - low) / (high - low) } else { 0.0 }
+    }
+}
+
+/// Composites a stretch of one color and of an opacity for `lengths` of its reference lengths under `result`.
+fn add(result: &mut March, color: DVec3, alpha: f64, lengths: f64) {
+    let alpha = opacity_correct(alpha, lengths);
+    if alpha > 0.0 {
+        result.num_visible += 1;
+        let [r, g, b] = (alpha * color).to_array();
+        result.rgba = composite(result.rgba, [r, g, b, alpha]);
+    }
+}
+
+/// The pieces of a stretch of a ray: Δ is `step_voxels` voxels of the finest body in it.
+fn pieces(object: &Prepared<'_>, interval: &Interval, ray: &Ray, step_voxels: f64) -> Samples {
+    let finest = interval.bodies.iter().map(|b| object.bodies[*b].voxels_per_mm(ray)).fold(0.0, f64::max);
+    let (t0, t1, delta_mm) = (interval.t0, interval.t1, step_voxels / finest);
+    Samples { t0, t1, delta_mm, count: ((t1 - t0) / delta_mm).ceil() as u64 }
 }
 
 /// Marches `ray` through the object, in steps of `step_voxels` > 0 voxels along it: the model itself, true in the limit
@@ -241,21 +279,36 @@ pub fn march(
     termination: f64,
 ) -> March {
     let mut result = March::default();
-    let Some(samples) = samples(ray, &object.grid, step_voxels) else { return result };
-    result.num_samples = samples.count;
-    let line = Line::new(object, camera, image_height, ray);
-    for k in 0..samples.count {
-        let (start, end) = samples.piece(k);
-        let t = 0.5 * (start + end);
-        let value = line.value(t);
-        let classes: Vec<_> = object.looks.iter().map(|look| classify(look.transfer_function, value)).collect();
-        if classes.iter().any(|class| class.opacity > 0.0) {
-            let gradient = line.slope(t).gradient();
-            let cut = line.cut(t, classes.iter().map(|class| class.opacity));
-            let seen: Vec<_> = classes.into_iter().map(|class| (t, class, gradient)).collect();
-            line.see(&mut result, t, &seen, cut, end - start);
-            if ends(&mut result, termination) {
-                break;
+    let lines: Vec<Line<'_>> =
+        object.bodies.iter().map(|body| Line::new(object, body, camera, image_height, ray)).collect();
+    let all = intervals(&object.bodies, ray);
+    let samples: Vec<Samples> = all.iter().map(|interval| pieces(object, interval, ray, step_voxels)).collect();
+    result.num_samples = samples.iter().map(|s| s.count).sum();
+    for (interval, samples) in all.iter().zip(samples) {
+        for k in 0..samples.count {
+            let (start, end) = samples.piece(k);
+            let t = 0.5 * (start + end);
+            let of_body = |body: &usize| {
+                let line = &lines[*body];
+                let value = line.value(t);
+                let class = |look: &Look<'_>| classify(look.transfer_function, value);
+                let classes: Vec<_> = line.body.looks.iter().map(class).collect();
+                if classes.iter().all(|class| class.opacity <= 0.0) {
+                    return None;
+                }
+                let gradient = line.gradient(&line.slope(t));
+                let cut = line.cut(t, line.body.cut_looks.iter().map(|look| class(look).opacity));
+                let seen: Vec<_> = classes.into_iter().map(|class| (t, class, gradient)).collect();
+                let (color, alpha, share) = line.see(t, &seen, cut);
+                Some(Shown { body: *body, color, alpha, share, value: line.within_range(value) })
+            };
+            let shown: Vec<Shown> = interval.bodies.iter().filter_map(of_body).collect();
+            if !shown.is_empty() {
+                let (color, alpha) = combine(&object.bodies, &shown);
+                add(&mut result, color, alpha, (end - start) / object.reference_length_mm);
+                if ends(&mut result, termination) {
+                    return result;
+                }
             }
         }
     }
@@ -273,54 +326,43 @@ pub fn march_pieces(
     largest_turn: f64,
 ) -> March {
     let mut result = March::default();
-    let Some(pieces) = samples(ray, &object.grid, quality.step_voxels) else { return result };
-    result.num_samples = pieces.count;
-    let line = Line::new(object, camera, image_height, ray);
-    let part_mm = pieces.delta_mm / f64::from(PARTS);
-    for k in 0..pieces.count {
-        let (start, end) = pieces.piece(k);
-        // Whatever a look shows of a piece does not depend on what others show of it.
-        let ends_of_piece = [line.value(start), line.value(end)];
-        let of_piece =
-            |look: &Look<'_>| classify_piece(look.transfer_function, ends_of_piece[0], ends_of_piece[1], 1.0);
-        let extinctions: Vec<f64> = object.looks.iter().map(|look| of_piece(look).extinction).collect();
-        let shows: Vec<bool> = extinctions.iter().map(|extinction| *extinction > 0.0).collect();
-        if !shows.contains(&true) {
-            continue;
-        }
-        let cut = line.cut(start.midpoint(end), extinctions.iter().map(|extinction| -(-extinction).exp_m1()));
-        if let Some(colors) = &object.colors
-            && [start, end].into_iter().all(|t| sample_volume(&colors.voxels, line.at(t)).w <= 0.0)
-        {
-            continue;
-        }
-        let num_parts = ((end - start) / part_mm - 1e-9).ceil().max(1.0) as u32;
-        for part in 0..num_parts {
-            let a = start + f64::from(part) * part_mm;
-            let b = (a + part_mm).min(end);
-            let values = [line.value(a), line.value(b)];
-            let slopes = [line.slope(a), line.slope(b)];
-            let normals =
-                [0, 1].map(|i| surface_normal(slopes[i].gradient(), face_normal(&object.grid, line.at([a, b][i]))));
-            let looks = (normals[0].distance(normals[1]) / largest_turn).ceil().clamp(1.0, MAX_LOOKS);
-            let length_mm = (b - a) / looks;
-            for look in 0..looks as u32 {
-                let [wa, wb] = [look, look + 1].map(|i| f64::from(i) / looks);
-                let between = |w: f64| values[0] + w * (values[1] - values[0]);
-                let seen = |(look, shows): (&Look<'_>, &bool)| {
-                    let function = look.transfer_function;
-                    let piece = if *shows {
-                        classify_piece(function, between(wa), between(wb), length_mm / function.reference_length_mm)
-                    } else {
-                        Piece { extinction: 0.0, node: 0.0, middle: 0.5 }
-                    };
-                    let w = wa + piece.middle * (wb - wa);
-                    let class = at_node(function, piece.node, -(-piece.extinction).exp_m1());
-                    (a + w * (b - a), class, slopes[0].towards(&slopes[1], w).gradient())
-                };
-                let seen: Vec<_> = object.looks.iter().zip(&shows).map(seen).collect();
-                let middle = wa.midpoint(wb);
-                line.see(&mut result, a + middle * (b - a), &seen, cut, length_mm);
+    let lines: Vec<Line<'_>> =
+        object.bodies.iter().map(|body| Line::new(object, body, camera, image_height, ray)).collect();
+    for interval in intervals(&object.bodies, ray) {
+        let pieces = pieces(object, &interval, ray, quality.step_voxels);
+        result.num_samples += pieces.count;
+        let part_mm = pieces.delta_mm / f64::from(PARTS);
+        for k in 0..pieces.count {
+            let (start, end) = pieces.piece(k);
+            // Whatever a body shows of a piece does not depend on what others show of it.
+            let shown: Vec<PieceOf<'_>> =
+                interval.bodies.iter().filter_map(|body| PieceOf::new(&lines[*body], *body, start, end)).collect();
+            if shown.is_empty() {
+                continue;
+            }
+            let num_parts = ((end - start) / part_mm - 1e-9).ceil().max(1.0) as u32;
+            for part in 0..num_parts {
+                let a = start + f64::from(part) * part_mm;
+                let b = (a + part_mm).min(end);
+                let lengths = (b - a) / object.reference_length_mm;
+                match &shown[..] {
+                    // As many looks as it takes, each of them under those before.
+                    [alone] => {
+                        for look in alone.looks(a, b, largest_turn) {
+                            add(&mut result, look.color, look.alpha, look.weight * lengths);
+                            // A ray among bodies ends with a part.
+                            if object.bodies.len() == 1 && ends(&mut result, quality.termination) {
+                                return result;
+                            }
+                        }
+                    }
+                    // Each by itself over the part, and then together as if it had been a look.
+                    several => {
+                        let met: Vec<Shown> = several.iter().map(|piece| piece.part(a, b, largest_turn)).collect();
+                        let (color, alpha) = combine(&object.bodies, &met);
+                        add(&mut result, color, alpha, lengths);
+                    }
+                }
                 if ends(&mut result, quality.termination) {
                     return result;
                 }
@@ -328,6 +370,91 @@ pub fn march_pieces(
         }
     }
     result
+}
+
+/// A piece of a ray in a body that shows something of it.
+struct PieceOf<'a> {
+    line: &'a Line<'a>,
+    body: usize,
+    /// Of each look, whether it shows something.
+    shows: Vec<bool>,
+    cut: Face,
+}
+
+/// A look at a part of a piece: straight color, opacity of a reference length, share of the place; `weight` of the part.
+struct LookAt {
+    color: DVec3,
+    alpha: f64,
+    share: f64,
+    weight: f64,
+}
+
+impl<'a> PieceOf<'a> {
+    /// None where nothing shows.
+    fn new(line: &'a Line<'a>, body: usize, start: f64, end: f64) -> Option<Self> {
+        let ends = [line.value(start), line.value(end)];
+        let extinction = |look: &Look<'_>| classify_piece(look.transfer_function, ends[0], ends[1], 1.0).extinction;
+        // What a look does not show at all does not make a piece of it.
+        let shows: Vec<bool> =
+            line.body.looks.iter().map(|look| look.opacity > 0.0 && extinction(look) > 0.0).collect();
+        if !shows.contains(&true) {
+            return None;
+        }
+        if let Some(colors) = &line.object.colors
+            && [start, end].into_iter().all(|t| sample_volume(&colors.voxels, line.at(t)).w <= 0.0)
+        {
+            return None;
+        }
+        let opacities = line.body.cut_looks.iter().map(|look| -(-extinction(look)).exp_m1());
+        let cut = line.cut(start.midpoint(end), opacities);
+        Some(Self { line, body, shows, cut })
+    }
+
+    /// The part between two places (mm) in as many looks as its normal turns.
+    fn looks(&self, a: f64, b: f64, largest_turn: f64) -> Vec<LookAt> {
+        let line = self.line;
+        let values = [line.value(a), line.value(b)];
+        let slopes = [line.slope(a), line.slope(b)];
+        let normals = [0, 1].map(|i| surface_normal(line.gradient(&slopes[i]), line.face([a, b][i])));
+        let looks = (normals[0].distance(normals[1]) / largest_turn).ceil().clamp(1.0, MAX_LOOKS);
+        let length_mm = (b - a) / looks;
+        let look = |look: u32| {
+            let [wa, wb] = [look, look + 1].map(|i| f64::from(i) / looks);
+            let between = |w: f64| values[0] + w * (values[1] - values[0]);
+            let seen = |(look, shows): (&Look<'_>, &bool)| {
+                let function = look.transfer_function;
+                let piece = if *shows {
+                    classify_piece(function, between(wa), between(wb), length_mm / function.reference_length_mm)
+                } else {
+                    Piece { extinction: 0.0, node: 0.0, middle: 0.5 }
+                };
+                let w = wa + piece.middle * (wb - wa);
+                let class = at_node(function, piece.node, -(-piece.extinction).exp_m1());
+                (a + w * (b - a), class, line.gradient(&slopes[0].towards(&slopes[1], w)))
+            };
+            let seen: Vec<_> = line.body.looks.iter().zip(&self.shows).map(seen).collect();
+            let middle = wa.midpoint(wb);
+            let (color, alpha, share) = line.see(a + middle * (b - a), &seen, self.cut);
+            LookAt { color, alpha, share, weight: 1.0 / looks }
+        };
+        (0..looks as u32).map(look).collect()
+    }
+
+    /// All looks at a part together.
+    fn part(&self, a: f64, b: f64, largest_turn: f64) -> Shown {
+        let lengths = (b - a) / self.line.object.reference_length_mm;
+        let mut own = March::default();
+        let mut share = 0.0;
+        for look in self.looks(a, b, largest_turn) {
+            add(&mut own, look.color, look.alpha, look.weight * lengths);
+            share += look.weight * look.share;
+        }
+        let [red, green, blue, opacity] = own.rgba;
+        let color = if opacity > 0.0 { DVec3::new(red, green, blue) / opacity } else { DVec3::ZERO };
+        let value = self.line.value(a).midpoint(self.line.value(b));
+        let alpha = opacity_correct(opacity, 1.0 / lengths);
+        Shown { body: self.body, color, alpha, share, value: self.line.within_range(value) }
+    }
 }
 
 /// Looks at the style within one part of a piece, at most.
