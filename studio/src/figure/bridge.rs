@@ -7,17 +7,20 @@ use anyhow::{Context as _, Result, bail};
 use fabrica_engine::Progress;
 use fabrica_engine::color::linear_from_srgb8;
 use fabrica_engine::scene::{
-    self, Camera, Look, Object, Projection, Quality, Region, Scene, StyleTransferFunction, TransferFunctionNode,
+    self, Camera, Look, Meeting, Meetings, Moved, Object, Projection, Quality, Region, Scene, StyleTransferFunction,
+    TransferFunctionNode,
 };
 use fabrica_engine::selection::Structure;
+use fabrica_engine::spaces::Grid;
 use fabrica_engine::styles::{StyleImage, StyleLibrary};
 use fabrica_engine::volume::Volume;
-use glam::DVec3;
+use fabrica_engine::volume::labels::Label;
+use glam::{DAffine3, DVec3};
 
 use super::sources::Sources;
 use super::template::{
-    Background, CameraTemplate, Domain, ObjectTemplate, ProjectionName, QualityName, Reference, RegionTemplate,
-    RestTemplate, Template, Tint, TransferFunctionTemplate, is_called,
+    Background, CameraTemplate, Domain, LookTemplate, MeetingTemplate, MoveTemplate, ObjectTemplate, ProjectionName,
+    QualityName, Reference, RegionTemplate, RestTemplate, Template, Tint, TransferFunctionTemplate, is_called,
 };
 
 /// The scene of a template with what was read for its slots, and what the user might want to know about how it came about, a
@@ -31,6 +34,8 @@ pub fn scene(
     styles: &StyleLibrary,
     progress: &Progress,
 ) -> Result<(Scene, Vec<String>)> {
+    let reference = reference(template, sources, styles, progress)?;
+    let radius_mm = radius_mm(template, reference.as_ref());
     let mut notes = Vec::new();
     let mut used: Vec<Arc<StyleImage>> = Vec::new();
     let mut objects = Vec::new();
@@ -38,7 +43,7 @@ pub fn scene(
         let slot = template.volumes.iter().position(|v| v.name == object.volume);
         let volume =
             slot.and_then(|i| sources.volumes.get(i)).context("a volume slot of the template is empty; fill it")?;
-        let mut making = Making { volume, styles, used: &mut used, notes: &mut notes, progress };
+        let mut making = Making { volume, styles, used: &mut used, notes: &mut notes, radius_mm, progress };
         let mut made = making.object(object)?;
         for region in &object.regions {
             let slot = template.selections.iter().position(|s| s.name == region.selection);
@@ -49,7 +54,7 @@ pub fn scene(
         }
         objects.push(made);
     }
-    let camera = camera(&template.camera, reference(template, sources, styles, progress)?.as_ref())?;
+    let camera = camera(&template.camera, reference.as_ref())?;
     let mut visible = template.objects.iter().map(|o| o.visible);
     objects.retain(|_| visible.next().unwrap_or(true));
     let scene = Scene {
@@ -86,7 +91,7 @@ pub(super) fn object(
     progress: &Progress,
 ) -> Result<Object> {
     let (used, notes) = (&mut Vec::new(), &mut Vec::new());
-    Making { volume, styles, used, notes, progress }.object(template)
+    Making { volume, styles, used, notes, radius_mm: 1.0, progress }.object(template)
 }
 
 /// What the camera's lengths are relative to: the first object as its own transfer function shows it. Its regions have no part in
@@ -115,6 +120,8 @@ struct Making<'a> {
     /// The scene's styles so far.
     used: &'a mut Vec<Arc<StyleImage>>,
     notes: &'a mut Vec<String>,
+    /// What lengths of moves are relative to.
+    radius_mm: f64,
     progress: &'a Progress,
 }
 
@@ -169,26 +176,18 @@ impl Making<'_> {
         object: &ObjectTemplate,
         structures: &[Structure],
     ) -> Result<Vec<Region>> {
+        let moved = self.moved(template, structures);
         let mut regions = Vec::new();
         for structure in drawn(template, structures) {
             let label = &structure.label;
             let look = template.look_at(Some(&template.called(label)));
-            let tint = match look.tint.unwrap_or(if template.structure.is_none() { Tint::Own } else { Tint::None }) {
-                Tint::None => None,
-                Tint::Own => Some(label.color),
-                Tint::Color(color) => Some(color),
-            };
-            let visible = look.visible.unwrap_or(true);
-            let function = look.transfer_function.as_ref().unwrap_or(&object.transfer_function);
+            let ghost = |moved: &MoveTemplate| self.look(&moved.ghost_of(&look), template, object, label);
+            let ghost = template.moved.as_ref().filter(|_| moved.is_some()).map(ghost).transpose()?;
             regions.push(Region {
                 name: label.name.clone(),
                 selection: structure.selection.clone(),
-                look: Look {
-                    transfer_function: self.function(function, look.style.as_deref())?,
-                    tint: tint.map(|color| color.map(linear_from_srgb8)),
-                    opacity: if visible { look.opacity.unwrap_or(1.0) } else { 0.0 },
-                },
-                moved: None,
+                look: self.look(&look, template, object, label)?,
+                moved: moved.clone().zip(ghost).map(|((pose, meetings), ghost)| Moved { pose, ghost, meetings }),
             });
         }
         if regions.is_empty() {
@@ -204,6 +203,62 @@ impl Making<'_> {
         }
         Ok(regions)
     }
+
+    /// How a structure of a region is drawn that has this look.
+    fn look(
+        &mut self,
+        look: &LookTemplate,
+        template: &RegionTemplate,
+        object: &ObjectTemplate,
+        label: &Label,
+    ) -> Result<Look> {
+        let tint = match look.tint.unwrap_or(if template.structure.is_none() { Tint::Own } else { Tint::None }) {
+            Tint::None => None,
+            Tint::Own => Some(label.color),
+            Tint::Color(color) => Some(color),
+        };
+        let visible = look.visible.unwrap_or(true);
+        let function = look.transfer_function.as_ref().unwrap_or(&object.transfer_function);
+        Ok(Look {
+            transfer_function: self.function(function, look.style.as_deref())?,
+            tint: tint.map(|color| color.map(linear_from_srgb8)),
+            opacity: if visible { look.opacity.unwrap_or(1.0) } else { 0.0 },
+        })
+    }
+
+    /// Where all structures of a region are, and how they look where they meet others; none where they lie as they were found.
+    fn moved(&self, template: &RegionTemplate, structures: &[Structure]) -> Option<(DAffine3, Meetings)> {
+        let moved = template.moved.as_ref().filter(|moved| moved.is_moved())?;
+        let center_mm = center_mm(template, structures, &self.volume.grid);
+        let meeting = |meeting: &MeetingTemplate| Meeting {
+            color: meeting.color.0.map(linear_from_srgb8),
+            strength: meeting.strength.as_ref().map(|strength| strength.0.clone()),
+        };
+        let meetings = Meetings {
+            ghost: moved.meets_ghost.as_ref().map(meeting),
+            background: moved.meets_background.as_ref().map(meeting),
+        };
+        Some((moved.pose(center_mm, self.radius_mm), meetings))
+    }
+}
+
+/// What a region turns about, world mm: the middle of the box around all of its voxels; of the grid, where it has none.
+pub fn center_mm(template: &RegionTemplate, structures: &[Structure], grid: &Grid) -> DVec3 {
+    let mut low = DVec3::INFINITY;
+    let mut high = DVec3::NEG_INFINITY;
+    for bounds in drawn(template, structures).filter_map(|structure| structure.selection.bounds()) {
+        low = low.min(DVec3::from_array(bounds.map(|b| b[0] as f64)));
+        high = high.max(DVec3::from_array(bounds.map(|b| b[1] as f64 - 1.0)));
+    }
+    let (low, high) = if low.x > high.x { grid.index_box() } else { (low, high) };
+    grid.world_from_index().transform_point3(0.5 * (low + high))
+}
+
+/// What lengths of moves are relative to, mm: as those of the camera.
+///
+/// `reference`: what the function of that name says of the template.
+pub fn radius_mm(template: &Template, reference: Option<&Object>) -> f64 {
+    reference.map_or(1.0, |object| sphere(template.camera.relative_to, object).1)
 }
 
 /// The structures that a region draws, in the order of the scene's regions.
@@ -248,4 +303,94 @@ fn camera(template: &CameraTemplate, object: Option<&Object>) -> Result<Camera> 
         }
     };
     Ok(Camera::looking(target + distance * from, -from, DVec3::from_array(template.up), projection)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use fabrica_engine::selection::{BrickPool, Selection};
+    use fabrica_engine::volume::{Rescale, Voxels};
+
+    use super::*;
+    use crate::figure::sources::Selections;
+    use crate::figure::template::{SelectionSlot, Tint};
+
+    /// A volume of 32³ voxels of 2 mm, all shown, with two boxes in a label map.
+    fn figure() -> (Template, Sources) {
+        let grid = Grid::new([32; 3], DAffine3::from_scale(DVec3::splat(2.0))).unwrap();
+        let voxels = Voxels::U8(vec![200; grid.num_voxels()]);
+        let volume = Arc::new(Volume::new(grid, voxels, Rescale::IDENTITY, "test").unwrap());
+        let text = r#"{"fabrica": 1, "volumes": [{"name": "v", "file": "a.nii"}],
+            "objects": [{"volume": "v", "transfer_function": {"domain": "data", "nodes": [{"at": 0, "style": "wax", "opacity": 0.5}]}}],
+            "camera": {"from": [0, 1, 0]}, "figure": {"width_mm": 80, "height_mm": 60}}"#;
+        let mut template = Template::parse(text).unwrap();
+        template.selections.push(SelectionSlot::new("organs", "v", "labels.nii".to_owned()));
+        template.objects[0].regions.push(RegionTemplate::of("organs", None));
+        let structure = |name: &str, color: [u8; 3], bounds: [[usize; 2]; 3]| {
+            let mut selection = Selection::empty(grid, &Arc::new(BrickPool::default()));
+            selection.change(bounds, |_, _| 255);
+            Structure { label: Label { id: 1, name: name.to_owned(), color, code: None }, selection }
+        };
+        let liver = structure("liver", [255, 0, 0], [[4, 8], [10, 12], [0, 5]]);
+        let spleen = structure("spleen", [0, 0, 255], [[12, 14], [10, 20], [2, 7]]);
+        let selections = Selections { structures: vec![liver, spleen], notes: Vec::new() };
+        (template, Sources { volumes: vec![volume], selections: vec![Arc::new(selections)] })
+    }
+
+    fn made(template: &Template, sources: &Sources) -> Scene {
+        scene(template, sources, &StyleLibrary::embedded(), &Progress::new()).unwrap().0
+    }
+
+    #[test]
+    fn a_group_moves_as_one_about_the_middle_of_all_of_it() {
+        let (mut template, sources) = figure();
+        let moved = MoveTemplate {
+            offset: [0.0, 0.5, 0.0],
+            turn: [0.0, 0.0, 180.0],
+            scale: 0.5,
+            meets_ghost: Some(MeetingTemplate::new([255, 0, 255])),
+            ..MoveTemplate::default()
+        };
+        template.objects[0].regions[0].moved = Some(moved);
+        let scene = made(&template, &sources);
+        let object = &scene.objects[0];
+        let moves: Vec<&Moved> = object.regions.iter().map(|r| r.moved().unwrap()).collect();
+        assert_eq!((moves[0].pose, &moves[0].meetings), (moves[1].pose, &moves[1].meetings));
+        // At rest, their ghost, and they.
+        assert_eq!(object.bodies().len(), 3);
+        // The box of both: voxels 4 to 13, 10 to 19 and 0 to 6; the sphere around 64 mm of all sides.
+        let center = DVec3::new(17.0, 29.0, 6.0);
+        let offset = DVec3::Y * 0.5 * 32.0 * 3f64.sqrt();
+        let pose = moves[0].pose;
+        assert!(pose.transform_point3(center).distance(center + offset) < 1e-9);
+        let right = center + DVec3::new(8.0, 0.0, 2.0);
+        assert!(pose.transform_point3(right).distance(center + offset + DVec3::new(-4.0, 0.0, 1.0)) < 1e-9);
+        // Each ghost has the color of its structure, faintly.
+        for (moved, tint) in moves.iter().zip([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) {
+            assert_eq!((moved.ghost.tint, moved.ghost.opacity), (Some(tint), 0.15));
+        }
+        assert_eq!(moves[0].meetings.ghost.as_ref().unwrap().color, [1.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn what_moves_nothing_is_not_moved_and_ghosts_may_be_hidden() {
+        let (mut template, sources) = figure();
+        let ghost = LookTemplate { visible: Some(false), tint: Some(Tint::None), ..LookTemplate::default() };
+        let rests = MoveTemplate { ghost, ..MoveTemplate::default() };
+        template.objects[0].regions[0].moved = Some(rests.clone());
+        assert!(made(&template, &sources).objects[0].regions.iter().all(|r| r.moved.is_none()));
+        template.objects[0].regions[0].moved = Some(MoveTemplate { scale: 1.5, ..rests });
+        let scene = made(&template, &sources);
+        let ghost = &scene.objects[0].regions[1].moved().unwrap().ghost;
+        assert!(ghost.opacity == 0.0 && ghost.tint.is_none(), "{ghost:?}");
+        assert_eq!(scene.objects[0].regions[1].look.opacity, 1.0);
+    }
+
+    #[test]
+    fn an_empty_region_turns_about_the_middle_of_the_volume() {
+        let (template, sources) = figure();
+        let region = RegionTemplate::of("organs", Some("kidney".to_owned()));
+        let grid = &sources.volumes[0].grid;
+        assert_eq!(center_mm(&region, &sources.selections[0].structures, grid), DVec3::splat(31.0));
+        assert_eq!(template.objects[0].regions.len(), 1);
+    }
 }

@@ -6,8 +6,9 @@ use std::ops::Range;
 use anyhow::{Result, bail};
 
 use super::template::{
-    Background, CameraTemplate, LookTemplate, NodeTemplate, Page, ProjectionName, QualityName, RegionTemplate,
-    RestTemplate, SelectionSlot, SelectionVoxels, StructureTemplate, Template, TransferFunctionTemplate, VolumeSlot,
+    Background, CameraTemplate, LookTemplate, MeetingColor, MoveTemplate, NodeTemplate, Page, ProjectionName,
+    QualityName, RegionTemplate, RestTemplate, SelectionSlot, SelectionVoxels, StructureTemplate, Template,
+    TransferFunctionTemplate, VolumeSlot,
 };
 
 /// What has a look of its own in an object: a region, or a structure in a group.
@@ -164,6 +165,17 @@ pub enum Command {
         /// Names, and what differs from the group's look.
         looks: Vec<(String, LookTemplate)>,
     },
+    /// Where a region was moved to, all of it together, and what that leaves behind.
+    SetMove {
+        /// Of which object.
+        object: usize,
+        /// Which region.
+        region: usize,
+        /// Where to; none: where it was found.
+        moved: Option<MoveTemplate>,
+        /// What the edit is called; empty: by the region's name.
+        label: String,
+    },
     /// What is painted in a slot of selections, in place of what was in it.
     SetVoxels {
         /// The slot's name.
@@ -232,6 +244,11 @@ impl Command {
             Self::SetRest { .. } => "Hide the rest".to_owned(),
             Self::SetLooks { looks, .. } if looks.len() == 1 => format!("Change look of {}", looks[0].0),
             Self::SetLooks { looks, .. } => format!("Change look of {} structures", looks.len()),
+            Self::SetMove { label, .. } if !label.is_empty() => label.clone(),
+            Self::SetMove { object, region, .. } => {
+                let found = figure.objects.get(*object).and_then(|o| o.regions.get(*region));
+                format!("Move {}", found.map_or("region", RegionTemplate::title))
+            }
             Self::SetVoxels { label, .. } => label.clone(),
             Self::SetVolume { slot, volume } => reading(figure.volumes.get(*slot), volume),
         }
@@ -260,6 +277,10 @@ impl Command {
                 Self::SetLook { object, region, structure, look },
                 Self::SetLook { object: o, region: r, structure: s, look: l },
             ) => (object, region, structure) == (o, r, s) && other_tint(look, l),
+            (
+                Self::SetMove { object, region, moved: Some(a), .. },
+                Self::SetMove { object: o, region: r, moved: Some(b), .. },
+            ) => (object, region) == (o, r) && a != b && uncolored(a) == uncolored(b),
             (Self::SetLooks { object, region, looks }, Self::SetLooks { object: o, region: r, looks: l }) => {
                 let same =
                     |((s, a), (t, b)): (&(String, LookTemplate), &(String, LookTemplate))| s == t && other_tint(a, b);
@@ -368,6 +389,10 @@ impl Command {
                 let region = region_of(&mut object_of(figure, object)?.regions, region)?;
                 looks.into_iter().for_each(|(structure, look)| set_look(region, &structure, look));
             }
+            Self::SetMove { object, region, moved, .. } => {
+                let region = region_of(&mut object_of(figure, object)?.regions, region)?;
+                region.moved = moved.filter(|moved| !moved.is_default());
+            }
             Self::SetVoxels { slot: name, voxels, .. } => {
                 let Some(slot) = figure.selections.iter_mut().find(|s| s.name == name) else {
                     bail!("the figure has no selections \"{name}\"");
@@ -381,6 +406,16 @@ impl Command {
         }
         Ok(())
     }
+}
+
+/// A move without the colors in it.
+fn uncolored(moved: &MoveTemplate) -> MoveTemplate {
+    let mut moved = moved.clone();
+    moved.ghost.tint = None;
+    for meeting in [&mut moved.meets_ghost, &mut moved.meets_background].into_iter().flatten() {
+        meeting.color = MeetingColor([0; 3]);
+    }
+    moved
 }
 
 /// What a slot's next volume is: another file, or the same with what is read otherwise.

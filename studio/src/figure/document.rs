@@ -218,6 +218,9 @@ fn size(figure: &Template, next: &Template) -> usize {
     let functions = looks().filter_map(|look| look.transfer_function.as_ref());
     let nodes: usize =
         figure.objects.iter().map(|o| &o.transfer_function).chain(functions).map(|f| f.nodes.len()).sum();
+    let moves = regions().filter_map(|r| r.moved.as_ref());
+    let meetings = moves.flat_map(|m| [&m.meets_ghost, &m.meets_background]).flatten();
+    let strengths = meetings.filter(|m| m.strength.is_some()).count();
     let painted = |figure: &'_ Template| {
         let slots = figure.selections.iter().filter_map(|s| Some((s.name.clone(), s.voxels.clone()?)));
         slots.collect::<Vec<_>>()
@@ -227,11 +230,12 @@ fn size(figure: &Template, next: &Template) -> usize {
         Some((_, other)) => voxels.unshared_bytes(other),
         None => voxels.selection().num_bytes(),
     };
-    2048 + 256 * (nodes + looks().count()) + painted(figure).into_iter().map(own).sum::<usize>()
+    2048 + 256 * (nodes + looks().count()) + 4096 * strengths + painted(figure).into_iter().map(own).sum::<usize>()
 }
 
 #[cfg(test)]
 mod tests {
+    use fabrica_engine::scene::moved::{STRENGTH_SIZE, Strength};
     use fabrica_engine::selection::{BrickPool, Brush, BrushMode, Limits, Profile, Selection, Stroke};
     use fabrica_engine::spaces::Grid;
     use glam::DAffine3;
@@ -239,8 +243,8 @@ mod tests {
     use super::*;
     use crate::figure::command::{Chosen, FunctionOf, function_at};
     use crate::figure::template::{
-        Background, LookTemplate, NodeTemplate, ProjectionName, QualityName, RegionTemplate, RestTemplate,
-        SelectionSlot, Tint, VolumeSlot,
+        Background, LookTemplate, MeetingStrength, MeetingTemplate, MoveTemplate, NodeTemplate, ProjectionName,
+        QualityName, RegionTemplate, RestTemplate, SelectionSlot, Tint, VolumeSlot,
     };
 
     fn figure() -> Template {
@@ -356,6 +360,47 @@ mod tests {
     }
 
     #[test]
+    fn a_move_is_one_step_by_drag_and_its_colors_merge() {
+        let mut document = Document::new(figure());
+        let volume = figure().volumes[0].name.clone();
+        let slot = SelectionSlot::new("organs", &volume, "labels.nii.gz".to_owned());
+        let region = RegionTemplate::of("organs", Some("liver".to_owned()));
+        document.apply(Command::AddSelections { object: 0, slot, region }).unwrap();
+        let before = document.figure().to_json().unwrap();
+        let set = |moved: Option<MoveTemplate>, label: &str| Command::SetMove {
+            object: 0,
+            region: 0,
+            moved,
+            label: label.to_owned(),
+        };
+        let to = |x: f64| MoveTemplate { offset: [x, 0.0, 0.0], ..MoveTemplate::default() };
+        document.begin();
+        for x in [0.1, 0.2, 0.3] {
+            document.apply(set(Some(to(x)), &format!("Move liver {:.1} mm", 80.0 * x))).unwrap();
+        }
+        document.commit();
+        assert_eq!(document.undo_label(), Some("Move liver 24.0 mm"));
+        // A color that is looked for in a picker is one step, another length is not.
+        let meets = |gray: u8| MoveTemplate { meets_ghost: Some(MeetingTemplate::new([gray; 3])), ..to(0.3) };
+        for gray in [1, 2, 3] {
+            document.apply(set(Some(meets(gray)), "")).unwrap();
+        }
+        document.apply(set(Some(MoveTemplate { scale: 2.0, ..meets(3) }), "")).unwrap();
+        let labels: Vec<&str> = document.labels().skip(1).collect();
+        assert_eq!(labels, ["Move liver 24.0 mm", "Move liver", "Move liver"]);
+        // Nothing is said of what moves nothing.
+        document.apply(set(Some(MoveTemplate::default()), "Put liver back")).unwrap();
+        assert!(document.figure().objects[0].regions[0].moved.is_none());
+        for _ in 0..4 {
+            document.undo();
+        }
+        assert_eq!(document.figure().to_json().unwrap(), before);
+        let said = document.apply(set(Some(MoveTemplate { scale: 0.0, ..to(0.1) }), "")).unwrap_err().to_string();
+        assert_eq!(said, "the region \"liver\" is scaled by 0; give a factor from 0.01 to 100");
+        assert_eq!(document.figure().to_json().unwrap(), before);
+    }
+
+    #[test]
     fn the_oldest_steps_go_when_the_budget_is_full() {
         let mut document = Document::new(figure());
         document.budget = 10 * size(document.figure(), document.figure());
@@ -440,13 +485,33 @@ mod tests {
             }
         }
 
+        fn movement(&mut self) -> MoveTemplate {
+            let mut meeting = || {
+                let cells = vec![self.below(256) as u8; STRENGTH_SIZE * STRENGTH_SIZE];
+                let strength = Strength::new(cells).map(|strength| MeetingStrength(Arc::new(strength)));
+                let strength = strength.filter(|_| self.below(2) == 0);
+                (self.below(2) == 0)
+                    .then(|| MeetingTemplate { strength, ..MeetingTemplate::new([self.below(256) as u8; 3]) })
+            };
+            let (meets_ghost, meets_background) = (meeting(), meeting());
+            MoveTemplate {
+                offset: [self.number() / 1000.0, 0.0, 0.25],
+                turn: [0.0, self.number(), 0.0],
+                scale: [1.0, 0.0, 0.5, f64::NAN, 2.0][self.below(5)],
+                ghost: self.look(),
+                meets_ghost,
+                meets_background,
+                ..MoveTemplate::default()
+            }
+        }
+
         fn command(&mut self, document: &Document) -> Command {
             let node = self.below(9);
             let object = usize::from(self.below(20) == 0);
             let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
             let part = (self.below(2) == 0).then(|| Chosen { region: self.below(2), structure });
             let of = FunctionOf { object, part };
-            match self.below(22) {
+            match self.below(23) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
@@ -507,6 +572,11 @@ mod tests {
                     selection.change([[at, at + 9], [3, 9 + at], [0, 20]], |_, f| f.max(at as u8 * 8));
                     Command::SetVoxels { slot, voxels: SelectionVoxels::new(selection), label: "Paint".to_owned() }
                 }
+                21 => {
+                    let moved = (self.below(4) > 0).then(|| self.movement());
+                    let label = ["", "Turn Liver 3.0°"][self.below(2)].to_owned();
+                    Command::SetMove { object, region: self.below(2), moved, label }
+                }
                 19 => {
                     let rest = RestTemplate { visible: self.below(2) == 0, ..RestTemplate::default() };
                     Command::SetRest { object, rest }
@@ -541,6 +611,7 @@ mod tests {
             Command::SetLooks { .. } => 19,
             Command::SetRest { .. } => 20,
             Command::SetVoxels { .. } => 21,
+            Command::SetMove { .. } => 22,
         }
     }
 
@@ -553,9 +624,9 @@ mod tests {
     #[test]
     fn a_random_walk_keeps_the_figure_whole_and_can_be_undone_to_its_first_byte() {
         let first = figure().to_json().unwrap();
-        let mut done = [0; 22];
+        let mut done = [0; 23];
         // Each kind that edits a function, on regions and on structures as well.
-        let mut done_on_parts = [0; 44];
+        let mut done_on_parts = [0; 46];
         for seed in 0..20 {
             let mut dice = Dice(seed);
             let mut document = Document::new(figure());

@@ -3,6 +3,7 @@
 //! Positions and lengths of the camera are relative to the object, so that a template fits the next dataset.
 //! Fields that this version does not know survive reading and writing (`extra`).
 
+mod moved;
 mod region;
 mod voxels;
 
@@ -15,6 +16,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+pub use moved::{GHOST_OPACITY, MeetingColor, MeetingStrength, MeetingTemplate, MoveTemplate, SCALES};
 pub use region::{LookTemplate, RegionTemplate, RestTemplate, SelectionSlot, StructureTemplate, Tint, is_called};
 pub use voxels::SelectionVoxels;
 

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{ObjectTemplate, SelectionVoxels, Template, TransferFunctionTemplate};
+use super::{MoveTemplate, ObjectTemplate, SelectionVoxels, Template, TransferFunctionTemplate};
 
 /// A place for selections: a label map, or other selections of a volume's voxels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -53,6 +53,9 @@ pub struct RegionTemplate {
     /// The structures of a group that look different.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub structures: Vec<StructureTemplate>,
+    /// Where all of it was moved to. Default: it is drawn where it lies.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moved: Option<MoveTemplate>,
     /// Fields of other versions, kept as they are.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
@@ -199,7 +202,7 @@ impl LookTemplate {
         }
     }
 
-    fn check(&self, whose: &str) -> Result<()> {
+    pub(super) fn check(&self, whose: &str) -> Result<()> {
         if let Some(opacity) = self.opacity.filter(|o| !(0.0..=1.0).contains(o)) {
             bail!("{whose} has opacity {opacity}; opacities go from 0 to 1");
         }
@@ -216,6 +219,7 @@ impl RegionTemplate {
             structure,
             look: LookTemplate::default(),
             structures: Vec::new(),
+            moved: None,
             extra: Map::new(),
         }
     }
@@ -304,6 +308,9 @@ fn check_regions(template: &Template, object: &ObjectTemplate) -> Result<()> {
             );
         }
         region.look.check(&format!("the region \"{title}\""))?;
+        if let Some(moved) = &region.moved {
+            moved.check(&format!("the region \"{title}\""))?;
+        }
         for structure in &region.structures {
             structure.look.check(&format!("the structure \"{}\"", structure.structure))?;
         }
