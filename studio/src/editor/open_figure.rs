@@ -9,11 +9,14 @@ use fabrica_engine::scene::Scene;
 use fabrica_engine::selection::Structure;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
+use glam::DVec3;
 
 use super::wording;
 use crate::figure::command::{Chosen, FunctionOf, function_at};
 use crate::figure::sources::{self, Selections, Sources};
-use crate::figure::template::{ObjectTemplate, RegionTemplate, SelectionSlot, TransferFunctionTemplate, VolumeSlot};
+use crate::figure::template::{
+    MoveTemplate, ObjectTemplate, RegionTemplate, SelectionSlot, TransferFunctionTemplate, VolumeSlot,
+};
 use crate::figure::{Command, Document, Template, bridge};
 
 /// A figure that is open.
@@ -303,8 +306,53 @@ impl OpenFigure {
         self.scene.as_ref().and_then(|(_, scene)| scene.clone())
     }
 
-    /// Makes an edit: a step of its own, or a part of the gesture under way.
+    /// What a region turns about and what the lengths of its move are relative to: center and radius, mm. None while its voxels or
+    /// its volume are not read.
+    pub fn move_frame(&self, object: usize, region: usize) -> Option<(DVec3, f64)> {
+        let figure = self.document.figure();
+        let object = figure.objects.get(object)?;
+        let region = object.regions.get(region)?;
+        let structures = &self.structures_of(region)?.structures;
+        let volume = self.volume_named(&object.volume)?;
+        let reference = bridge::reference(figure, &self.sources()?, &Progress::new()).ok()?;
+        let radius_mm = bridge::radius_mm(figure, reference.as_ref());
+        Some((bridge::center_mm(region, structures, &volume.grid), radius_mm))
+    }
+
+    /// Object and number of the regions of a slot that are moved, with what they turn about and the radius.
+    fn moved_of(&self, slot: &str) -> Vec<(usize, usize, DVec3, f64)> {
+        let objects = self.document.figure().objects.iter().enumerate();
+        let regions = objects.flat_map(|(o, object)| object.regions.iter().enumerate().map(move |(r, x)| (o, r, x)));
+        let moved = regions.filter(|(.., region)| {
+            region.selection == slot && region.moved.as_ref().is_some_and(MoveTemplate::is_moved)
+        });
+        moved.filter_map(|(o, r, _)| self.move_frame(o, r).map(|(center, radius)| (o, r, center, radius))).collect()
+    }
+
+    /// Makes an edit: a step of its own, or a part of the gesture under way. Where voxels of a region change that is moved, the rest
+    /// of it stays where it is: its offset follows what it turns about.
     pub fn edit(&mut self, command: Command) {
+        let Command::SetVoxels { slot, label, .. } = &command else { return self.apply(command) };
+        let (moved, label) = (self.moved_of(slot), label.clone());
+        let is_step = !moved.is_empty() && !self.document.in_gesture();
+        if is_step {
+            self.document.begin();
+        }
+        self.apply(command);
+        for (object, region, before_mm, radius_mm) in moved {
+            let now = self.move_frame(object, region);
+            let template = self.document.figure().objects[object].regions[region].moved.clone();
+            if let (Some((now_mm, _)), Some(template)) = (now, template) {
+                let moved = Some(template.with_center(before_mm, now_mm, radius_mm));
+                self.apply(Command::SetMove { object, region, moved, label: label.clone() });
+            }
+        }
+        if is_step {
+            self.document.commit();
+        }
+    }
+
+    fn apply(&mut self, command: Command) {
         if let Err(error) = self.document.apply(command) {
             self.fault = Some(wording::sentence(&error));
         }
@@ -328,5 +376,61 @@ impl OpenFigure {
         if response.drag_stopped() {
             self.document.commit();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use fabrica_engine::selection::{BrickPool, Selection};
+    use fabrica_engine::spaces::Grid;
+    use fabrica_engine::volume::{Rescale, Voxels};
+    use glam::DAffine3;
+
+    use super::*;
+    use crate::figure::template::SelectionVoxels;
+
+    #[test]
+    fn painting_on_what_was_moved_does_not_move_it() {
+        let grid = Grid::new([32; 3], DAffine3::IDENTITY).unwrap();
+        let volume = Volume::new(grid, Voxels::U8(vec![200; grid.num_voxels()]), Rescale::IDENTITY, "test").unwrap();
+        let text = r#"{"fabrica": 1, "volumes": [{"name": "v", "file": "a.nii"}], "objects": [{"volume": "v",
+            "transfer_function": {"domain": "data", "nodes": [{"at": 0, "style": "wax", "opacity": 0.5}]}}],
+            "camera": {"from": [0, 1, 0]}, "figure": {"width_mm": 80, "height_mm": 60}}"#;
+        let document = Document::new(Template::parse(text).unwrap());
+        let mut open = OpenFigure::new(document, None, &Sources::of(vec![Arc::new(volume)]));
+        let mut selection = Selection::empty(grid, &Arc::new(BrickPool::default()));
+        selection.change([[4, 8], [4, 8], [4, 8]], |_, _| 255);
+        let slot = SelectionSlot::painted("Part", "v", SelectionVoxels::new(selection.clone()));
+        let region = RegionTemplate::of("Part", Some("Part".to_owned()));
+        open.edit(Command::AddSelections { object: 0, slot, region });
+        let moved =
+            MoveTemplate { turn: [0.0, 40.0, 0.0], scale: 1.5, offset: [0.5, 0.0, 0.0], ..MoveTemplate::default() };
+        open.edit(Command::SetMove { object: 0, region: 0, moved: Some(moved), label: String::new() });
+        let styles = StyleLibrary::embedded();
+        let pose = |open: &mut OpenFigure| open.scene(&styles).unwrap().objects[0].regions[0].moved().unwrap().pose;
+        let (before, center) = (pose(&mut open), open.move_frame(0, 0).unwrap().0);
+        assert_eq!(center, DVec3::splat(5.5));
+        selection.change([[20, 30], [4, 6], [4, 6]], |_, _| 255);
+        let paint = |now: &Selection| Command::SetVoxels {
+            slot: "Part".to_owned(),
+            voxels: SelectionVoxels::new(now.clone()),
+            label: "Paint Part, 40 voxels".to_owned(),
+        };
+        open.edit(paint(&selection));
+        assert!(open.move_frame(0, 0).unwrap().0.distance(center) > 5.0);
+        assert!(pose(&mut open).abs_diff_eq(before, 1e-9));
+        // In the same step, also where a gesture is under way, and where nothing is left for a while.
+        assert_eq!(open.document.undo_label(), Some("Paint Part, 40 voxels"));
+        open.document.begin();
+        open.edit(paint(&Selection::empty(grid, &Arc::new(BrickPool::default()))));
+        open.edit(paint(&selection));
+        open.document.commit();
+        assert!(pose(&mut open).abs_diff_eq(before, 1e-9));
+        while open.document.undo_label() != Some("Move Part") {
+            assert!(open.document.undo());
+        }
+        open.follow_voxels();
+        assert_eq!(open.move_frame(0, 0).unwrap().0, center);
+        assert!(pose(&mut open).abs_diff_eq(before, 1e-12));
     }
 }

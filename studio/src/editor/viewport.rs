@@ -160,7 +160,7 @@ struct Answer {
 /// What the pointer is on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Under {
-    /// In the world (RAS), mm.
+    /// In the volume as it was read (RAS), mm: where it was, for what was moved.
     pub position_mm: DVec3,
     /// Data value.
     pub value: f64,
@@ -437,7 +437,7 @@ impl Viewport {
         }
         let found = Self::pick_at(open, gallery, at, frame, size);
         self.under_region = found.and_then(|p| p.region);
-        self.under = Some((at, figure, found.map(|p| Under { position_mm: p.position_mm, value: p.value })));
+        self.under = Some((at, figure, found.map(|p| Under { position_mm: p.rest_mm, value: p.value })));
     }
 
     fn ask_what(&mut self, open: &mut OpenFigure, gallery: &Gallery, at: Pos2, frame: Rect, size: [u32; 2]) {
@@ -490,7 +490,7 @@ impl Viewport {
         };
         let node = nearest_node(figure, &of, &answer.pick);
         let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
-        let structures = open.chosen_volume().and_then(|v| structures_at(v, answer.pick.position_mm));
+        let structures = open.chosen_volume().and_then(|v| structures_at(v, answer.pick.rest_mm));
         let part = of.part.as_ref().and_then(|part| name_of(figure, of.object, part));
         let (at, value, gradient) = (answer.at, answer.pick.value, answer.pick.gradient);
         let painter = ui.painter();

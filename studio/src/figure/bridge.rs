@@ -20,7 +20,7 @@ use glam::{DAffine3, DVec3};
 use super::sources::Sources;
 use super::template::{
     Background, CameraTemplate, Domain, LookTemplate, MeetingTemplate, MoveTemplate, ObjectTemplate, ProjectionName,
-    QualityName, Reference, RegionTemplate, RestTemplate, Template, Tint, TransferFunctionTemplate, is_called,
+    QualityName, Reference, RegionTemplate, Template, Tint, TransferFunctionTemplate, is_called,
 };
 
 /// The scene of a template with what was read for its slots, and what the user might want to know about how it came about, a
@@ -34,7 +34,7 @@ pub fn scene(
     styles: &StyleLibrary,
     progress: &Progress,
 ) -> Result<(Scene, Vec<String>)> {
-    let reference = reference(template, sources, styles, progress)?;
+    let reference = reference(template, sources, progress)?;
     let radius_mm = radius_mm(template, reference.as_ref());
     let mut notes = Vec::new();
     let mut used: Vec<Arc<StyleImage>> = Vec::new();
@@ -94,23 +94,37 @@ pub(super) fn object(
     Making { volume, styles, used, notes, radius_mm: 1.0, progress }.object(template)
 }
 
-/// What the camera's lengths are relative to: the first object as its own transfer function shows it. Its regions have no part in
-/// that, so that the view stays where it is when something is painted or hidden.
+/// What the camera's lengths are relative to: the first object as its own transfer function shows it, in whatever styles. Its regions
+/// have no part in that, so that the view stays where it is when something is painted or hidden.
 ///
 /// # Errors
-/// As [`scene`], for what concerns the object.
-pub fn reference(
-    template: &Template,
-    sources: &Sources,
-    styles: &StyleLibrary,
-    progress: &Progress,
-) -> Result<Option<Object>> {
+/// One sentence: a volume that is missing, or [`fabrica_engine::Error::Cancelled`].
+pub fn reference(template: &Template, sources: &Sources, progress: &Progress) -> Result<Option<Object>> {
     let Some(first) = template.objects.first() else { return Ok(None) };
     let slot = template.volumes.iter().position(|v| v.name == first.volume);
     let volume =
         slot.and_then(|i| sources.volumes.get(i)).context("a volume slot of the template is empty; fill it")?;
-    let plain = ObjectTemplate { rest: RestTemplate::default(), regions: Vec::new(), ..first.clone() };
-    object(&plain, volume, styles, progress).map(Some)
+    let value = values(volume, first.transfer_function.domain, progress)?;
+    let nodes = first.transfer_function.nodes.iter();
+    let nodes = nodes.map(|node| TransferFunctionNode { value: value(node.at), style: 0, opacity: node.opacity });
+    let voxel_mm = volume.grid.spacing_mm().min_element();
+    let transfer_function = StyleTransferFunction {
+        nodes: nodes.collect(),
+        reference_length_mm: first.transfer_function.reference_length_mm.unwrap_or(voxel_mm),
+    };
+    let gradient_scale_mm = first.gradient_scale_mm.unwrap_or(voxel_mm);
+    Ok(Some(Object { volume: volume.clone(), transfer_function, regions: Vec::new(), gradient_scale_mm }))
+}
+
+/// From what a transfer function's positions count to data values.
+fn values<'a>(volume: &'a Volume, domain: Domain, progress: &Progress) -> Result<Box<dyn Fn(f64) -> f64 + 'a>> {
+    Ok(match domain {
+        Domain::Data => Box::new(|at| at),
+        Domain::Percentile => {
+            let statistics = volume.statistics(progress)?;
+            Box::new(|at| statistics.percentile_above_background(at))
+        }
+    })
 }
 
 /// An object of a scene in the making.
@@ -149,13 +163,7 @@ impl Making<'_> {
 
     /// `style`: takes the place of its nodes' own.
     fn function(&mut self, template: &TransferFunctionTemplate, style: Option<&str>) -> Result<StyleTransferFunction> {
-        let value: Box<dyn Fn(f64) -> f64> = match template.domain {
-            Domain::Data => Box::new(|at| at),
-            Domain::Percentile => {
-                let statistics = self.volume.statistics(self.progress)?;
-                Box::new(|at| statistics.percentile_above_background(at))
-            }
-        };
+        let value = values(self.volume, template.domain, self.progress)?;
         let mut nodes = Vec::with_capacity(template.nodes.len());
         for node in &template.nodes {
             let style = self.styles.get(style.unwrap_or(&node.style))?;

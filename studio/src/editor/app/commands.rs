@@ -358,8 +358,7 @@ fn fitted(open: &mut OpenFigure, styles: &StyleLibrary) -> CameraTemplate {
     let scene = open.scene(styles);
     let figure = open.document.figure();
     let sources = open.sources();
-    let reference =
-        sources.and_then(|sources| bridge::reference(figure, &sources, styles, &Progress::new()).ok().flatten());
+    let reference = sources.and_then(|sources| bridge::reference(figure, &sources, &Progress::new()).ok().flatten());
     match scene.as_ref().and_then(|scene| scene.objects.first()).zip(reference) {
         Some((object, reference)) => framing::fit(&figure.camera, &figure.figure, object, &reference),
         None => view::fit(&figure.camera),

@@ -6,7 +6,6 @@ mod brush;
 mod grow;
 mod lasso;
 mod rectangle;
-mod surface;
 pub mod target;
 mod view;
 mod work;
