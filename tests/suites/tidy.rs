@@ -6,8 +6,10 @@ use std::process::Command;
 
 use fabrica_engine::gpu::regions::{LIST_WIDTH, SLOT_EDGE, WHOLE};
 use fabrica_engine::gpu::shader_library::{MODULES, RaycastKey};
+use fabrica_engine::pass::bodies::{BodiesUniform, BodyUniform};
 use fabrica_engine::pass::raycast::{FrameUniform, ObjectUniform};
 use fabrica_engine::pass::regions::{FunctionsUniform, LayerUniform, RegionsUniform};
+use fabrica_engine::scene::moved::MAX_BODIES;
 use fabrica_engine::scene::quality::{MAX_ROUNDS, PARTS};
 use fabrica_engine::wgpu::naga;
 use fabrica_tests::checkout;
@@ -81,6 +83,7 @@ fn constants_that_both_sides_know_are_the_same() {
         ("LIST_WIDTH", LIST_WIDTH as u32),
         ("SLOT_EDGE", SLOT_EDGE as u32),
         ("WHOLE", WHOLE),
+        ("MAX_BODIES", MAX_BODIES as u32),
     ] {
         let (_, constant) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name)).unwrap();
         let theirs = &module.global_expressions[constant.init];
@@ -117,6 +120,8 @@ fn uniforms_lie_as_the_shaders_read_them() {
         ("Regions", size_of::<RegionsUniform>(), RegionsUniform::FIELDS),
         ("Functions", size_of::<FunctionsUniform>(), FunctionsUniform::FIELDS),
         ("Layer", size_of::<LayerUniform>(), LayerUniform::FIELDS),
+        ("Body", size_of::<BodyUniform>(), BodyUniform::FIELDS),
+        ("Bodies", size_of::<BodiesUniform>(), BodiesUniform::FIELDS),
     ] {
         let (span, members) = shader_layout(name);
         assert_eq!(span as usize, size, "{name}");
