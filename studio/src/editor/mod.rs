@@ -7,6 +7,7 @@ pub mod file_dialog;
 pub mod files;
 pub mod find_file;
 pub mod gallery;
+mod gizmo;
 pub mod open_figure;
 pub mod painter;
 pub mod panels;

@@ -306,27 +306,36 @@ impl OpenFigure {
         self.scene.as_ref().and_then(|(_, scene)| scene.clone())
     }
 
-    /// What a region turns about and what the lengths of its move are relative to: center and radius, mm. None while its voxels or
-    /// its volume are not read.
-    pub fn move_frame(&self, object: usize, region: usize) -> Option<(DVec3, f64)> {
+    /// What lengths of moves are relative to, mm; none while a volume is not read.
+    pub fn radius_mm(&self) -> Option<f64> {
         let figure = self.document.figure();
-        let object = figure.objects.get(object)?;
-        let region = object.regions.get(region)?;
-        let structures = &self.structures_of(region)?.structures;
-        let volume = self.volume_named(&object.volume)?;
         let reference = bridge::reference(figure, &self.sources()?, &Progress::new()).ok()?;
-        let radius_mm = bridge::radius_mm(figure, reference.as_ref());
-        Some((bridge::center_mm(region, structures, &volume.grid), radius_mm))
+        Some(bridge::radius_mm(figure, reference.as_ref()))
     }
 
-    /// Object and number of the regions of a slot that are moved, with what they turn about and the radius.
-    fn moved_of(&self, slot: &str) -> Vec<(usize, usize, DVec3, f64)> {
-        let objects = self.document.figure().objects.iter().enumerate();
-        let regions = objects.flat_map(|(o, object)| object.regions.iter().enumerate().map(move |(r, x)| (o, r, x)));
-        let moved = regions.filter(|(.., region)| {
-            region.selection == slot && region.moved.as_ref().is_some_and(MoveTemplate::is_moved)
-        });
-        moved.filter_map(|(o, r, _)| self.move_frame(o, r).map(|(center, radius)| (o, r, center, radius))).collect()
+    /// What a region turns about, or a structure of it, world mm. None while its voxels are not read.
+    pub fn center_mm(&self, object: usize, part: &Chosen) -> Option<DVec3> {
+        let object = self.document.figure().objects.get(object)?;
+        let region = object.regions.get(part.region)?;
+        let structures = &self.structures_of(region)?.structures;
+        let grid = &self.volume_named(&object.volume)?.grid;
+        Some(bridge::center_mm(region, structures, part.structure.as_deref(), grid))
+    }
+
+    /// The parts of a slot that are moved by themselves, by their objects, with what they turn about.
+    fn moved_of(&self, slot: &str) -> Vec<(usize, Chosen, DVec3)> {
+        let mut found = Vec::new();
+        for (o, object) in self.document.figure().objects.iter().enumerate() {
+            for (r, region) in object.regions.iter().enumerate().filter(|(_, region)| region.selection == slot) {
+                let structures = region.structures.iter().map(|s| (Some(&s.structure), s.moved.as_ref()));
+                let parts = structures.chain([(None, region.moved.as_ref())]);
+                for (structure, _) in parts.filter(|(_, moved)| moved.is_some_and(MoveTemplate::is_moved)) {
+                    let part = Chosen { region: r, structure: structure.cloned() };
+                    found.extend(self.center_mm(o, &part).map(|center| (o, part, center)));
+                }
+            }
+        }
+        found
     }
 
     /// Makes an edit: a step of its own, or a part of the gesture under way. Where voxels of a region change that is moved, the rest
@@ -339,12 +348,13 @@ impl OpenFigure {
             self.document.begin();
         }
         self.apply(command);
-        for (object, region, before_mm, radius_mm) in moved {
-            let now = self.move_frame(object, region);
-            let template = self.document.figure().objects[object].regions[region].moved.clone();
-            if let (Some((now_mm, _)), Some(template)) = (now, template) {
-                let moved = Some(template.with_center(before_mm, now_mm, radius_mm));
-                self.apply(Command::SetMove { object, region, moved, label: label.clone() });
+        for (object, part, before_mm) in moved {
+            let (now, radius) = (self.center_mm(object, &part), self.radius_mm());
+            let template =
+                self.document.figure().objects[object].regions[part.region].own_move(part.structure.as_deref());
+            if let (Some(now_mm), Some(radius_mm), Some(template)) = (now, radius, template) {
+                let moves = vec![(part.structure, Some(template.with_center(before_mm, now_mm, radius_mm)))];
+                self.apply(Command::SetMove { object, region: part.region, moves, label: label.clone() });
             }
         }
         if is_step {
@@ -405,10 +415,10 @@ mod tests {
         open.edit(Command::AddSelections { object: 0, slot, region });
         let moved =
             MoveTemplate { turn: [0.0, 40.0, 0.0], scale: 1.5, offset: [0.5, 0.0, 0.0], ..MoveTemplate::default() };
-        open.edit(Command::SetMove { object: 0, region: 0, moved: Some(moved), label: String::new() });
+        open.edit(Command::SetMove { object: 0, region: 0, moves: vec![(None, Some(moved))], label: String::new() });
         let styles = StyleLibrary::embedded();
         let pose = |open: &mut OpenFigure| open.scene(&styles).unwrap().objects[0].regions[0].moved().unwrap().pose;
-        let (before, center) = (pose(&mut open), open.move_frame(0, 0).unwrap().0);
+        let (before, center) = (pose(&mut open), open.center_mm(0, &Chosen::default()).unwrap());
         assert_eq!(center, DVec3::splat(5.5));
         selection.change([[20, 30], [4, 6], [4, 6]], |_, _| 255);
         let paint = |now: &Selection| Command::SetVoxels {
@@ -417,7 +427,7 @@ mod tests {
             label: "Paint Part, 40 voxels".to_owned(),
         };
         open.edit(paint(&selection));
-        assert!(open.move_frame(0, 0).unwrap().0.distance(center) > 5.0);
+        assert!(open.center_mm(0, &Chosen::default()).unwrap().distance(center) > 5.0);
         assert!(pose(&mut open).abs_diff_eq(before, 1e-9));
         // In the same step, also where a gesture is under way, and where nothing is left for a while.
         assert_eq!(open.document.undo_label(), Some("Paint Part, 40 voxels"));
@@ -430,7 +440,7 @@ mod tests {
             assert!(open.document.undo());
         }
         open.follow_voxels();
-        assert_eq!(open.move_frame(0, 0).unwrap().0, center);
+        assert_eq!(open.center_mm(0, &Chosen::default()).unwrap(), center);
         assert!(pose(&mut open).abs_diff_eq(before, 1e-12));
     }
 }

@@ -126,7 +126,8 @@ impl MoveTemplate {
         }
         let matrix3 = self.rotation() * self.scale;
         let offset_mm = radius_mm * DVec3::from_array(self.offset);
-        DAffine3 { matrix3, translation: center_mm + offset_mm - matrix3 * center_mm }
+        // In this order, what is only pushed has the same pose whatever its center.
+        DAffine3 { matrix3, translation: offset_mm + (center_mm - matrix3 * center_mm) }
     }
 
     /// The same pose, with another center: what was painted to the region, or erased, does not move the rest of it.
