@@ -3,25 +3,22 @@
 
 mod geometry;
 
-use std::sync::Arc;
-
 use eframe::egui::epaint::PathShape;
 use eframe::egui::{
     self, Align2, Color32, CursorIcon, EventFilter, FontId, Key, Modifiers, Painter, PointerButton, Pos2, Rect, Sense,
     Stroke, StrokeKind, Ui, Vec2, WidgetInfo,
 };
 use fabrica_engine::scene::Camera;
-use glam::{DMat3, DQuat, DVec3};
+use glam::DVec3;
 
 pub use self::geometry::Handle;
 use self::geometry::{REACH, RING, Shape, Sight, on_ring};
+use super::movable::{Change, Movable};
 use super::open_figure::OpenFigure;
 use super::theme;
 use super::tools::tell;
 use super::viewport::marked;
-use crate::figure::command::Chosen;
-use crate::figure::template::{MoveTemplate, SCALES};
-use crate::figure::{Command, Template};
+use crate::figure::template::SCALES;
 
 /// What Ctrl rounds to: mm, degrees, and of a scale.
 const SNAP_MM: f64 = 1.0;
@@ -45,38 +42,12 @@ pub struct Gizmo {
     over: Option<Handle>,
     /// Where the focus is.
     focused: Option<Pos2>,
-    /// What lengths of moves in a figure are relative to, mm.
-    known: Option<(Arc<Template>, f64)>,
-}
-
-/// What is moved, and how it was.
-#[derive(Clone)]
-struct Start {
-    object: usize,
-    region: usize,
-    /// What it is called.
-    title: String,
-    /// The structures of a group, or the region itself, which come along.
-    parts: Vec<Part>,
-    /// What offsets are relative to, mm.
-    radius_mm: f64,
-    /// What it is turned about: where the middle of the first part is now, or of all structures that are chosen.
-    pivot_mm: DVec3,
-}
-
-/// A part of what is moved.
-#[derive(Clone)]
-struct Part {
-    structure: Option<String>,
-    /// Where it is.
-    moved: MoveTemplate,
-    /// c, of the part at rest, mm.
-    center_mm: DVec3,
 }
 
 struct Drag {
     handle: Handle,
-    start: Start,
+    /// What it holds, as it was.
+    start: Movable,
     sight: Sight,
     from: Pos2,
     /// Where the pointer was, and where it would be if it had not been slowed down.
@@ -85,64 +56,6 @@ struct Drag {
     /// How far a ring has been turned, degrees: beyond a full turn.
     turned_deg: f64,
     text: String,
-}
-
-/// What a gesture does.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Change {
-    /// Moves, mm.
-    By(DVec3),
-    /// Turns about an axis of the body, degrees.
-    Turn(usize, f64),
-    /// Scales by a factor.
-    Scale(f64),
-}
-
-impl Start {
-    /// What the parts' moves become, and what the step is called.
-    fn changed(&self, change: Change) -> (Vec<(Option<String>, Option<MoveTemplate>)>, String) {
-        let label = match change {
-            Change::By(mm) => format!("Move {} {:.1} mm", self.title, mm.length()),
-            Change::Turn(_, deg) => format!("Turn {} {deg:.1}°", self.title),
-            Change::Scale(factor) => format!("Scale {} × {factor:.2}", self.title),
-        };
-        let moves = self.parts.iter().map(|part| (part.structure.clone(), Some(self.part_changed(part, change))));
-        (moves.collect(), label)
-    }
-
-    fn part_changed(&self, part: &Part, change: Change) -> MoveTemplate {
-        let moved = &part.moved;
-        let offset = DVec3::from_array(moved.offset);
-        // Where its middle is from what all are turned about.
-        let arm_mm = part.center_mm + self.radius_mm * offset - self.pivot_mm;
-        let with_arm = |now_mm: DVec3| match arm_mm.length() > 1e-6 {
-            true => (offset + (now_mm - arm_mm) / self.radius_mm).to_array(),
-            false => moved.offset,
-        };
-        match change {
-            Change::By(mm) => MoveTemplate { offset: (offset + mm / self.radius_mm).to_array(), ..moved.clone() },
-            Change::Turn(axis, deg) => {
-                let by = DMat3::from_axis_angle(DVec3::AXES[axis], deg.to_radians());
-                let turn = DQuat::from_mat3(&(by * moved.rotation())).to_scaled_axis();
-                let turn = turn.to_array().map(f64::to_degrees);
-                MoveTemplate { turn, offset: with_arm(by * arm_mm), ..moved.clone() }
-            }
-            Change::Scale(factor) => {
-                let scale = (moved.scale * factor).clamp(SCALES.0, SCALES.1);
-                MoveTemplate { scale, offset: with_arm(factor * arm_mm), ..moved.clone() }
-            }
-        }
-    }
-
-    fn apply(&self, open: &mut OpenFigure, change: Change) {
-        let (moves, label) = self.changed(change);
-        open.edit(Command::SetMove { object: self.object, region: self.region, moves, label });
-    }
-
-    /// Where the first part is.
-    fn moved(&self) -> &MoveTemplate {
-        &self.parts[0].moved
-    }
 }
 
 impl Drag {
@@ -168,7 +81,7 @@ impl Drag {
                 let raw = self.angle_deg(axis)?;
                 // The nearest to what it was: a hand may go around several times.
                 self.turned_deg = raw + 360.0 * ((self.turned_deg - raw) / 360.0).round();
-                Some(Change::Turn(axis, snap(self.turned_deg, SNAP_DEG)))
+                Some(Change::Turn(snap(self.turned_deg, SNAP_DEG) * DVec3::AXES[axis]))
             }
             Handle::Scale => {
                 let center = sight.seen(pivot)?;
@@ -227,7 +140,7 @@ impl Gizmo {
 
     /// Follows the hand, in the picture that `camera` sees in `frame`; before the picture follows it.
     pub fn follow(&mut self, ui: &Ui, open: &mut OpenFigure, camera: &Camera, frame: Rect, picture: &egui::Response) {
-        let Some(start) = self.start(open) else { return self.forget() };
+        let Some(start) = Movable::chosen(open) else { return self.forget() };
         if self.drag.is_some() && !open.document.in_gesture() {
             // Escape took it.
             self.drag = None;
@@ -291,53 +204,6 @@ impl Gizmo {
             open.document.commit();
             self.drag = None;
         }
-    }
-
-    /// What is chosen, if it can be moved.
-    fn start(&mut self, open: &OpenFigure) -> Option<Start> {
-        let (object, chosen) = (open.object, open.chosen_region()?.clone());
-        let figure = open.document.figure();
-        // What is picked and moved is of the object that is drawn.
-        if figure.objects.iter().position(|o| o.visible) != Some(object) {
-            return None;
-        }
-        // The radius stays what it is while something is moved.
-        let radius_mm = match (&self.drag, &self.known) {
-            (Some(drag), _) => drag.start.radius_mm,
-            (None, Some((of, radius))) if Arc::ptr_eq(of, figure) => *radius,
-            _ => {
-                let radius = open.radius_mm().filter(|radius| *radius > 0.0)?;
-                self.known = Some((figure.clone(), radius));
-                radius
-            }
-        };
-        let region = &figure.objects[object].regions[chosen.region];
-        let part = |structure: Option<String>| {
-            let center_mm = open.center_mm(object, &Chosen { region: chosen.region, structure: structure.clone() })?;
-            let own = region.own_move(structure.as_deref());
-            let moved = own.cloned().or_else(|| {
-                // Where its group is, as a move of its own.
-                let group = Chosen { region: chosen.region, structure: None };
-                let moved = region.moved.as_ref().filter(|moved| moved.is_moved())?;
-                Some(moved.with_center(open.center_mm(object, &group)?, center_mm, radius_mm))
-            });
-            Some(Part { structure, moved: moved.unwrap_or_default(), center_mm })
-        };
-        let names: Vec<String> = open.chosen_structures().cloned().collect();
-        let title = match &names[..] {
-            [] => region.title().to_owned(),
-            [name] => name.clone(),
-            several => format!("{} structures", several.len()),
-        };
-        let is_group = names.is_empty();
-        let with_own = region.structures.iter().filter(|s| is_group && s.moved.is_some());
-        let wanted = std::iter::once(None).filter(|_| is_group).chain(names.into_iter().map(Some));
-        let wanted = wanted.chain(with_own.map(|s| Some(s.structure.clone())));
-        let parts: Vec<Part> = wanted.filter_map(part).collect();
-        let middle = |part: &Part| part.center_mm + radius_mm * DVec3::from_array(part.moved.offset);
-        let pivots = &parts[..if is_group { parts.len().min(1) } else { parts.len() }];
-        let pivot_mm = pivots.iter().map(middle).sum::<DVec3>() / pivots.len() as f64;
-        (!parts.is_empty()).then_some(Start { object, region: chosen.region, title, parts, radius_mm, pivot_mm })
     }
 
     /// The handles, over the picture.
@@ -411,7 +277,7 @@ fn head(painter: &Painter, end: Pos2, along: Vec2, is_white: bool) {
 }
 
 /// A handle's value: mm, degrees, factor.
-fn value(handle: Handle, start: &Start) -> f64 {
+fn value(handle: Handle, start: &Movable) -> f64 {
     match handle {
         Handle::Axis(axis) => start.moved().offset[axis] * start.radius_mm,
         Handle::Center => DVec3::from_array(start.moved().offset).length() * start.radius_mm,
@@ -428,8 +294,10 @@ fn told(change: Change, drag: &Drag, is_assumed: bool) -> String {
             format!("{:.1} mm {}", mm.length(), marked(letter, is_assumed))
         }
         (Change::By(mm), _) => format!("{:.1} mm", mm.length()),
-        (Change::Turn(_, deg), _) => format!("{deg:.1}°").replace('-', "\u{2212}"),
+        (Change::Turn(deg), Handle::Ring(axis)) => format!("{:.1}°", deg[axis]).replace('-', "\u{2212}"),
+        (Change::Turn(deg), _) => format!("{:.1}°", deg.length()),
         (Change::Scale(factor), _) => format!("× {:.2}", drag.start.moved().scale * factor),
+        (Change::Back, _) => String::new(),
     }
 }
 
@@ -452,7 +320,7 @@ fn by_key(ui: &Ui, id: egui::Id, handle: Handle, camera: &Camera) -> Option<Chan
     Some(match handle {
         Handle::Axis(axis) => Change::By(KEY_MM * steps * DVec3::AXES[axis]),
         Handle::Center => Change::By(KEY_MM * fine * (x * camera.right + y * camera.up)),
-        Handle::Ring(axis) => Change::Turn(axis, KEY_DEG * steps),
+        Handle::Ring(axis) => Change::Turn(KEY_DEG * steps * DVec3::AXES[axis]),
         Handle::Scale => Change::Scale(KEY_SCALE.powf(steps)),
     })
 }
@@ -461,13 +329,15 @@ fn by_key(ui: &Ui, id: egui::Id, handle: Handle, camera: &Camera) -> Option<Chan
 mod tests {
     use fabrica_engine::scene::Projection;
 
+    use super::super::movable::Part;
     use super::*;
+    use crate::figure::template::MoveTemplate;
 
     fn drag(handle: Handle, from_eye: DVec3, projection: Projection) -> Drag {
         let camera = Camera::looking(400.0 * from_eye.normalize(), -from_eye, DVec3::Z, projection).unwrap();
         let sight = Sight { camera, frame: Rect::from_min_size(Pos2::ZERO, Vec2::new(800.0, 600.0)) };
         let pivot_mm = DVec3::new(10.0, 0.0, -5.0);
-        let start = Start {
+        let start = Movable {
             object: 0,
             region: 0,
             title: "Brain".to_owned(),
@@ -479,7 +349,7 @@ mod tests {
         Drag { handle, start, sight, from, last: from, at: from, turned_deg: 0.0, text }
     }
 
-    fn changed(start: &Start, change: Change) -> (MoveTemplate, String) {
+    fn changed(start: &Movable, change: Change) -> (MoveTemplate, String) {
         let (moves, label) = start.changed(change);
         (moves[0].1.clone().unwrap(), label)
     }
@@ -520,18 +390,19 @@ mod tests {
             drag.from = on(&drag, 20.0);
             for step in 1..=50 {
                 drag.at = on(&drag, 20.0 + 10.0 * f64::from(step));
-                let Some(Change::Turn(of, deg)) = drag.change(false) else { panic!() };
-                assert!(of == axis && (deg - 10.0 * f64::from(step)).abs() < 0.05, "{axis}: {deg} at {step}");
+                let Some(Change::Turn(deg)) = drag.change(false) else { panic!() };
+                let expected = 10.0 * f64::from(step) * DVec3::AXES[axis];
+                assert!(deg.distance(expected) < 0.05, "{axis}: {deg} at {step}");
             }
-            assert_eq!(drag.change(true), Some(Change::Turn(axis, 495.0)));
+            assert_eq!(drag.change(true), Some(Change::Turn(495.0 * DVec3::AXES[axis])));
         }
         // A point that is turned about superior goes from right to anterior.
         let start = drag(Handle::Ring(2), FROM, PROJECTIONS[0]).start;
-        let (moved, label) = changed(&start, Change::Turn(2, 90.0));
+        let (moved, label) = changed(&start, Change::Turn(90.0 * DVec3::Z));
         assert!((moved.rotation() * DVec3::X).distance(DVec3::Y) < 1e-12 && label == "Turn Brain 90.0°");
         // Turns add up about the body's axes, not the region's.
-        let again = Start { parts: vec![Part { moved, ..start.parts[0].clone() }], ..start };
-        let (moved, _) = changed(&again, Change::Turn(0, 90.0));
+        let again = Movable { parts: vec![Part { moved, ..start.parts[0].clone() }], ..start };
+        let (moved, _) = changed(&again, Change::Turn(90.0 * DVec3::X));
         assert!((moved.rotation() * DVec3::X).distance(DVec3::Z) < 1e-12);
     }
 
@@ -543,11 +414,11 @@ mod tests {
             drag.from = drag.sight.seen(held).unwrap();
             // What is before the axis goes to the left of the body, which is on the right of the screen.
             drag.at = drag.from + Vec2::new(40.0, 0.0);
-            let Some(Change::Turn(2, deg)) = drag.change(false) else { panic!() };
+            let Some(Change::Turn(DVec3 { z: deg, .. })) = drag.change(false) else { panic!() };
             // A radian is the radius of the ring, whose near side is a little larger.
             assert!((deg - (40.0 / RING).to_degrees()).abs() < 3.0, "{deg}");
             drag.at = drag.from - Vec2::new(40.0, 0.0);
-            let Some(Change::Turn(2, back)) = drag.change(false) else { panic!() };
+            let Some(Change::Turn(DVec3 { z: back, .. })) = drag.change(false) else { panic!() };
             assert!((deg + back).abs() < 0.5, "{deg} {back}");
         }
     }
@@ -574,7 +445,9 @@ mod tests {
         let tilted = MoveTemplate { turn: [0.0, 30.0, 0.0], offset: [0.1, 0.0, 0.0], ..MoveTemplate::default() };
         let other = Part { structure: Some("b".to_owned()), moved: tilted, center_mm: DVec3::new(-20.0, 4.0, 9.0) };
         start.parts.push(other);
-        for change in [Change::By(DVec3::new(1.0, 2.0, 3.0)), Change::Turn(1, 70.0), Change::Scale(0.6)] {
+        for change in
+            [Change::By(DVec3::new(1.0, 2.0, 3.0)), Change::Turn(DVec3::new(10.0, 70.0, -20.0)), Change::Scale(0.6)]
+        {
             let (moves, _) = start.changed(change);
             // Whatever was done to the first was done to the second: the same map of the world.
             let [by, again] = [0, 1].map(|i| {

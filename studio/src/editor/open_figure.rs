@@ -1,5 +1,6 @@
 //! The figure that is open: its document, its volumes, and what is chosen in it. Panels and gestures work on this.
 
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};
 
@@ -15,9 +16,12 @@ use super::wording;
 use crate::figure::command::{Chosen, FunctionOf, function_at};
 use crate::figure::sources::{self, Selections, Sources};
 use crate::figure::template::{
-    MoveTemplate, ObjectTemplate, RegionTemplate, SelectionSlot, TransferFunctionTemplate, VolumeSlot,
+    MoveTemplate, ObjectTemplate, Reference, RegionTemplate, SelectionSlot, TransferFunctionTemplate, VolumeSlot,
 };
 use crate::figure::{Command, Document, Template, bridge};
+
+/// What the radius depends on that lengths are relative to.
+type RadiusOf = (TransferFunctionTemplate, Reference, Arc<Volume>);
 
 /// A figure that is open.
 pub struct OpenFigure {
@@ -43,6 +47,8 @@ pub struct OpenFigure {
     volumes: Vec<(VolumeSlot, Arc<Volume>)>,
     /// All selections that were read for it, with the slot and the volume that they were read for.
     selections: Vec<(SelectionSlot, Weak<Volume>, Arc<Selections>)>,
+    /// What lengths of moves are relative to, mm, and what that was found for.
+    radius: RefCell<Option<(RadiusOf, f64)>>,
     /// The scene of a figure, until the figure changes.
     scene: Option<(Arc<Template>, Option<Arc<Scene>>)>,
 }
@@ -64,6 +70,7 @@ impl OpenFigure {
             fault: None,
             volumes,
             selections: Vec::new(),
+            radius: RefCell::default(),
             scene: None,
         };
         for (slot, read) in figure.selections.iter().zip(&sources.selections) {
@@ -309,8 +316,19 @@ impl OpenFigure {
     /// What lengths of moves are relative to, mm; none while a volume is not read.
     pub fn radius_mm(&self) -> Option<f64> {
         let figure = self.document.figure();
+        let object = figure.objects.first()?;
+        // Regions have no part in it.
+        let of =
+            (object.transfer_function.clone(), figure.camera.relative_to, self.volume_named(&object.volume)?.clone());
+        let is_known =
+            |known: &(RadiusOf, f64)| (&known.0.0, known.0.1) == (&of.0, of.1) && Arc::ptr_eq(&known.0.2, &of.2);
+        if let Some((_, radius_mm)) = self.radius.borrow().as_ref().filter(|known| is_known(known)) {
+            return Some(*radius_mm);
+        }
         let reference = bridge::reference(figure, &self.sources()?, &Progress::new()).ok()?;
-        Some(bridge::radius_mm(figure, reference.as_ref()))
+        let radius_mm = bridge::radius_mm(figure, reference.as_ref());
+        *self.radius.borrow_mut() = Some((of, radius_mm));
+        Some(radius_mm)
     }
 
     /// What a region turns about, or a structure of it, world mm. None while its voxels are not read.

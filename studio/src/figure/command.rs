@@ -37,6 +37,9 @@ impl FunctionOf {
     }
 }
 
+/// A structure of a group, by name, or a region itself; and where it is to be.
+pub type PartMove = (Option<String>, Option<MoveTemplate>);
+
 /// One edit. Objects, nodes and volume slots are named by their position.
 #[derive(Clone, Debug, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "commands are made one at a time and used up at once")]
@@ -173,7 +176,7 @@ pub enum Command {
         region: usize,
         /// Which structures of a group, by name, or the region itself; and where to. None: of the region, where it was found, and of
         /// a structure, where its group is.
-        moves: Vec<(Option<String>, Option<MoveTemplate>)>,
+        moves: Vec<PartMove>,
         /// What the edit is called; empty: by the region's name.
         label: String,
     },
@@ -283,8 +286,7 @@ impl Command {
                 Self::SetLook { object: o, region: r, structure: s, look: l },
             ) => (object, region, structure) == (o, r, s) && other_tint(look, l),
             (Self::SetMove { object, region, moves, .. }, Self::SetMove { object: o, region: r, moves: m, .. }) => {
-                type Part = (Option<String>, Option<MoveTemplate>);
-                let same = |((s, a), (t, b)): (&Part, &Part)| {
+                let same = |((s, a), (t, b)): (&PartMove, &PartMove)| {
                     s == t && a != b && a.as_ref().map(uncolored) == b.as_ref().map(uncolored)
                 };
                 (object, region, moves.len()) == (o, r, m.len()) && moves.iter().zip(m).all(same)
