@@ -7,6 +7,8 @@ pub mod file_dialog;
 pub mod files;
 pub mod find_file;
 pub mod gallery;
+mod gizmo;
+mod movable;
 pub mod open_figure;
 pub mod painter;
 pub mod panels;

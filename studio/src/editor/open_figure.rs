@@ -1,5 +1,6 @@
 //! The figure that is open: its document, its volumes, and what is chosen in it. Panels and gestures work on this.
 
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};
 
@@ -9,12 +10,18 @@ use fabrica_engine::scene::Scene;
 use fabrica_engine::selection::Structure;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
+use glam::DVec3;
 
 use super::wording;
 use crate::figure::command::{Chosen, FunctionOf, function_at};
 use crate::figure::sources::{self, Selections, Sources};
-use crate::figure::template::{ObjectTemplate, RegionTemplate, SelectionSlot, TransferFunctionTemplate, VolumeSlot};
+use crate::figure::template::{
+    MoveTemplate, ObjectTemplate, Reference, RegionTemplate, SelectionSlot, TransferFunctionTemplate, VolumeSlot,
+};
 use crate::figure::{Command, Document, Template, bridge};
+
+/// What the radius depends on that lengths are relative to.
+type RadiusOf = (TransferFunctionTemplate, Reference, Arc<Volume>);
 
 /// A figure that is open.
 pub struct OpenFigure {
@@ -40,6 +47,8 @@ pub struct OpenFigure {
     volumes: Vec<(VolumeSlot, Arc<Volume>)>,
     /// All selections that were read for it, with the slot and the volume that they were read for.
     selections: Vec<(SelectionSlot, Weak<Volume>, Arc<Selections>)>,
+    /// What lengths of moves are relative to, mm, and what that was found for.
+    radius: RefCell<Option<(RadiusOf, f64)>>,
     /// The scene of a figure, until the figure changes.
     scene: Option<(Arc<Template>, Option<Arc<Scene>>)>,
 }
@@ -61,6 +70,7 @@ impl OpenFigure {
             fault: None,
             volumes,
             selections: Vec::new(),
+            radius: RefCell::default(),
             scene: None,
         };
         for (slot, read) in figure.selections.iter().zip(&sources.selections) {
@@ -303,8 +313,74 @@ impl OpenFigure {
         self.scene.as_ref().and_then(|(_, scene)| scene.clone())
     }
 
-    /// Makes an edit: a step of its own, or a part of the gesture under way.
+    /// What lengths of moves are relative to, mm; none while a volume is not read.
+    pub fn radius_mm(&self) -> Option<f64> {
+        let figure = self.document.figure();
+        let object = figure.objects.first()?;
+        // Regions have no part in it.
+        let of =
+            (object.transfer_function.clone(), figure.camera.relative_to, self.volume_named(&object.volume)?.clone());
+        let is_known =
+            |known: &(RadiusOf, f64)| (&known.0.0, known.0.1) == (&of.0, of.1) && Arc::ptr_eq(&known.0.2, &of.2);
+        if let Some((_, radius_mm)) = self.radius.borrow().as_ref().filter(|known| is_known(known)) {
+            return Some(*radius_mm);
+        }
+        let reference = bridge::reference(figure, &self.sources()?, &Progress::new()).ok()?;
+        let radius_mm = bridge::radius_mm(figure, reference.as_ref());
+        *self.radius.borrow_mut() = Some((of, radius_mm));
+        Some(radius_mm)
+    }
+
+    /// What a region turns about, or a structure of it, world mm. None while its voxels are not read.
+    pub fn center_mm(&self, object: usize, part: &Chosen) -> Option<DVec3> {
+        let object = self.document.figure().objects.get(object)?;
+        let region = object.regions.get(part.region)?;
+        let structures = &self.structures_of(region)?.structures;
+        let grid = &self.volume_named(&object.volume)?.grid;
+        Some(bridge::center_mm(region, structures, part.structure.as_deref(), grid))
+    }
+
+    /// The parts of a slot that are moved by themselves, by their objects, with what they turn about.
+    fn moved_of(&self, slot: &str) -> Vec<(usize, Chosen, DVec3)> {
+        let mut found = Vec::new();
+        for (o, object) in self.document.figure().objects.iter().enumerate() {
+            for (r, region) in object.regions.iter().enumerate().filter(|(_, region)| region.selection == slot) {
+                let structures = region.structures.iter().map(|s| (Some(&s.structure), s.moved.as_ref()));
+                let parts = structures.chain([(None, region.moved.as_ref())]);
+                for (structure, _) in parts.filter(|(_, moved)| moved.is_some_and(MoveTemplate::is_moved)) {
+                    let part = Chosen { region: r, structure: structure.cloned() };
+                    found.extend(self.center_mm(o, &part).map(|center| (o, part, center)));
+                }
+            }
+        }
+        found
+    }
+
+    /// Makes an edit: a step of its own, or a part of the gesture under way. Where voxels of a region change that is moved, the rest
+    /// of it stays where it is: its offset follows what it turns about.
     pub fn edit(&mut self, command: Command) {
+        let Command::SetVoxels { slot, label, .. } = &command else { return self.apply(command) };
+        let (moved, label) = (self.moved_of(slot), label.clone());
+        let is_step = !moved.is_empty() && !self.document.in_gesture();
+        if is_step {
+            self.document.begin();
+        }
+        self.apply(command);
+        for (object, part, before_mm) in moved {
+            let (now, radius) = (self.center_mm(object, &part), self.radius_mm());
+            let template =
+                self.document.figure().objects[object].regions[part.region].own_move(part.structure.as_deref());
+            if let (Some(now_mm), Some(radius_mm), Some(template)) = (now, radius, template) {
+                let moves = vec![(part.structure, Some(template.with_center(before_mm, now_mm, radius_mm)))];
+                self.apply(Command::SetMove { object, region: part.region, moves, label: label.clone() });
+            }
+        }
+        if is_step {
+            self.document.commit();
+        }
+    }
+
+    fn apply(&mut self, command: Command) {
         if let Err(error) = self.document.apply(command) {
             self.fault = Some(wording::sentence(&error));
         }
@@ -328,5 +404,61 @@ impl OpenFigure {
         if response.drag_stopped() {
             self.document.commit();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use fabrica_engine::selection::{BrickPool, Selection};
+    use fabrica_engine::spaces::Grid;
+    use fabrica_engine::volume::{Rescale, Voxels};
+    use glam::DAffine3;
+
+    use super::*;
+    use crate::figure::template::SelectionVoxels;
+
+    #[test]
+    fn painting_on_what_was_moved_does_not_move_it() {
+        let grid = Grid::new([32; 3], DAffine3::IDENTITY).unwrap();
+        let volume = Volume::new(grid, Voxels::U8(vec![200; grid.num_voxels()]), Rescale::IDENTITY, "test").unwrap();
+        let text = r#"{"fabrica": 1, "volumes": [{"name": "v", "file": "a.nii"}], "objects": [{"volume": "v",
+            "transfer_function": {"domain": "data", "nodes": [{"at": 0, "style": "wax", "opacity": 0.5}]}}],
+            "camera": {"from": [0, 1, 0]}, "figure": {"width_mm": 80, "height_mm": 60}}"#;
+        let document = Document::new(Template::parse(text).unwrap());
+        let mut open = OpenFigure::new(document, None, &Sources::of(vec![Arc::new(volume)]));
+        let mut selection = Selection::empty(grid, &Arc::new(BrickPool::default()));
+        selection.change([[4, 8], [4, 8], [4, 8]], |_, _| 255);
+        let slot = SelectionSlot::painted("Part", "v", SelectionVoxels::new(selection.clone()));
+        let region = RegionTemplate::of("Part", Some("Part".to_owned()));
+        open.edit(Command::AddSelections { object: 0, slot, region });
+        let moved =
+            MoveTemplate { turn: [0.0, 40.0, 0.0], scale: 1.5, offset: [0.5, 0.0, 0.0], ..MoveTemplate::default() };
+        open.edit(Command::SetMove { object: 0, region: 0, moves: vec![(None, Some(moved))], label: String::new() });
+        let styles = StyleLibrary::embedded();
+        let pose = |open: &mut OpenFigure| open.scene(&styles).unwrap().objects[0].regions[0].moved().unwrap().pose;
+        let (before, center) = (pose(&mut open), open.center_mm(0, &Chosen::default()).unwrap());
+        assert_eq!(center, DVec3::splat(5.5));
+        selection.change([[20, 30], [4, 6], [4, 6]], |_, _| 255);
+        let paint = |now: &Selection| Command::SetVoxels {
+            slot: "Part".to_owned(),
+            voxels: SelectionVoxels::new(now.clone()),
+            label: "Paint Part, 40 voxels".to_owned(),
+        };
+        open.edit(paint(&selection));
+        assert!(open.center_mm(0, &Chosen::default()).unwrap().distance(center) > 5.0);
+        assert!(pose(&mut open).abs_diff_eq(before, 1e-9));
+        // In the same step, also where a gesture is under way, and where nothing is left for a while.
+        assert_eq!(open.document.undo_label(), Some("Paint Part, 40 voxels"));
+        open.document.begin();
+        open.edit(paint(&Selection::empty(grid, &Arc::new(BrickPool::default()))));
+        open.edit(paint(&selection));
+        open.document.commit();
+        assert!(pose(&mut open).abs_diff_eq(before, 1e-9));
+        while open.document.undo_label() != Some("Move Part") {
+            assert!(open.document.undo());
+        }
+        open.follow_voxels();
+        assert_eq!(open.center_mm(0, &Chosen::default()).unwrap(), center);
+        assert!(pose(&mut open).abs_diff_eq(before, 1e-12));
     }
 }

@@ -23,6 +23,7 @@ pub enum UiCommand {
     AddMasks,
     Rename,
     ShowHide,
+    PutBack,
     InsertNode,
     RemoveNode,
     GrowSelection,
@@ -84,6 +85,7 @@ impl UiCommand {
         C::AddMasks,
         C::Rename,
         C::ShowHide,
+        C::PutBack,
         C::InsertNode,
         C::RemoveNode,
         C::GrowSelection,
@@ -131,7 +133,9 @@ impl UiCommand {
                 "File"
             }
             C::Undo | C::Redo | C::History | C::Palette => "Edit",
-            C::AddSelections | C::AddMasks | C::Rename | C::ShowHide | C::InsertNode | C::RemoveNode => "Object",
+            C::AddSelections | C::AddMasks | C::Rename | C::ShowHide | C::PutBack | C::InsertNode | C::RemoveNode => {
+                "Object"
+            }
             C::GrowSelection
             | C::ShrinkSelection
             | C::SmoothSelection
@@ -165,6 +169,7 @@ impl UiCommand {
             C::AddMasks => "Add folder of masks…",
             C::Rename => "Rename object",
             C::ShowHide => "Show or hide object",
+            C::PutBack => "Put region back",
             C::InsertNode => "Insert node",
             C::RemoveNode => "Remove node",
             C::GrowSelection => "Grow selection",
@@ -225,6 +230,7 @@ impl UiCommand {
             C::AddMasks => "Structures of the chosen object from a folder with a file for each",
             C::Rename => "Another name for the chosen object",
             C::ShowHide => "The chosen object is drawn, or is not",
+            C::PutBack => "What was moved of the chosen region goes to where it was found",
             C::InsertNode => "After the chosen node, half way to the next one; the picture stays as it is",
             C::RemoveNode => "Takes the chosen node out of the transfer function",
             C::GrowSelection => "Its surface goes outward, by as much as the tools' bar says",

@@ -18,6 +18,7 @@ use fabrica_engine::volume::labels::Label;
 use glam::{DVec2, DVec3};
 
 use super::gallery::{DraggedStyle, Gallery};
+use super::gizmo::Gizmo;
 use super::open_figure::OpenFigure;
 use super::painter::{Painter, Request, Stage, Update};
 use super::panels::curve::{dress_material, insert_node};
@@ -160,7 +161,7 @@ struct Answer {
 /// What the pointer is on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Under {
-    /// In the world (RAS), mm.
+    /// In the volume as it was read (RAS), mm: where it was, for what was moved.
     pub position_mm: DVec3,
     /// Data value.
     pub value: f64,
@@ -188,6 +189,7 @@ pub struct Viewport {
     pub is_tools: bool,
     /// Whether the hand rests within a gesture: the picture is refined all the same.
     pub rests: bool,
+    gizmo: Gizmo,
     /// The figure as a tool sees it, where the primary button would be pressed on it.
     aimed: Option<FigureView>,
 }
@@ -228,6 +230,7 @@ impl Viewport {
     /// Escape: what is open here closes; whether anything was.
     pub fn dismiss(&mut self) -> bool {
         self.motion = None;
+        self.gizmo.forget();
         self.answer.take().is_some()
     }
 
@@ -270,6 +273,16 @@ impl Viewport {
         let assumption = open.assumed_orientation().map(str::to_owned);
         response.widget_info(|| WidgetInfo::labeled(Role::Canvas, true, describe(&figure, assumption.is_some())));
 
+        match self.is_tools {
+            true => self.gizmo.forget(),
+            false => {
+                if let Some(scene) = open.scene(gallery.library()).filter(|_| open.chosen_region().is_some()) {
+                    self.gizmo.follow(ui, open, &scene.camera, frame, &response);
+                } else {
+                    self.gizmo.forget();
+                }
+            }
+        }
         self.drag(ui, &response, open, frame);
         self.keys(ui, &response, open);
         wheel(ui, &response, open, frame);
@@ -291,6 +304,7 @@ impl Viewport {
         {
             mark(&painter.with_clip_rect(frame), frame.center() + frame.height() * at);
         }
+        self.gizmo.paint(ui, &painter, assumption.is_some());
         let at = Pos2::new(area.left() + 3.2 * CUBE, area.bottom() - 3.2 * CUBE);
         cube(ui, open, at, assumption.as_deref());
 
@@ -304,7 +318,7 @@ impl Viewport {
         }
         if response.clicked()
             && !self.is_tools
-            && let Some(at) = response.interact_pointer_pos()
+            && let Some(at) = response.interact_pointer_pos().filter(|at| !self.gizmo.is_at(*at))
         {
             self.ask_what(open, gallery, at, frame, size);
         }
@@ -326,7 +340,7 @@ impl Viewport {
         let buttons = [PointerButton::Primary, PointerButton::Middle];
         if response.drag_started() {
             response.request_focus();
-            let button = buttons.into_iter().find(|b| response.dragged_by(*b));
+            let button = buttons.into_iter().find(|b| response.dragged_by(*b)).filter(|_| !self.gizmo.is_held());
             let button = button.filter(|b| !(self.is_tools && is_tools(*b, modifiers, space)));
             let from = ui.input(|i| i.pointer.press_origin());
             self.motion = button.and_then(|b| motion(b, modifiers, space)).zip(from);
@@ -359,7 +373,9 @@ impl Viewport {
         if response.drag_stopped() && self.motion.take().is_some() {
             open.document.commit();
         }
-        self.hint = if open.document.in_motion() {
+        self.hint = if let Some(hint) = self.gizmo.hint() {
+            hint
+        } else if open.document.in_motion() {
             "Esc gives the drag up"
         } else {
             "Click: what is this? · Drag: orbit · Shift+drag: pan · Ctrl+Shift+drag: roll · Wheel: closer"
@@ -437,7 +453,7 @@ impl Viewport {
         }
         let found = Self::pick_at(open, gallery, at, frame, size);
         self.under_region = found.and_then(|p| p.region);
-        self.under = Some((at, figure, found.map(|p| Under { position_mm: p.position_mm, value: p.value })));
+        self.under = Some((at, figure, found.map(|p| Under { position_mm: p.rest_mm, value: p.value })));
     }
 
     fn ask_what(&mut self, open: &mut OpenFigure, gallery: &Gallery, at: Pos2, frame: Rect, size: [u32; 2]) {
@@ -490,7 +506,7 @@ impl Viewport {
         };
         let node = nearest_node(figure, &of, &answer.pick);
         let unit = open.chosen_volume().map_or("", |v| v.modality.suffix());
-        let structures = open.chosen_volume().and_then(|v| structures_at(v, answer.pick.position_mm));
+        let structures = open.chosen_volume().and_then(|v| structures_at(v, answer.pick.rest_mm));
         let part = of.part.as_ref().and_then(|part| name_of(figure, of.object, part));
         let (at, value, gradient) = (answer.at, answer.pick.value, answer.pick.gradient);
         let painter = ui.painter();

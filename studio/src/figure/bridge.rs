@@ -20,7 +20,7 @@ use glam::{DAffine3, DVec3};
 use super::sources::Sources;
 use super::template::{
     Background, CameraTemplate, Domain, LookTemplate, MeetingTemplate, MoveTemplate, ObjectTemplate, ProjectionName,
-    QualityName, Reference, RegionTemplate, RestTemplate, Template, Tint, TransferFunctionTemplate, is_called,
+    QualityName, Reference, RegionTemplate, Template, Tint, TransferFunctionTemplate, is_called,
 };
 
 /// The scene of a template with what was read for its slots, and what the user might want to know about how it came about, a
@@ -34,7 +34,7 @@ pub fn scene(
     styles: &StyleLibrary,
     progress: &Progress,
 ) -> Result<(Scene, Vec<String>)> {
-    let reference = reference(template, sources, styles, progress)?;
+    let reference = reference(template, sources, progress)?;
     let radius_mm = radius_mm(template, reference.as_ref());
     let mut notes = Vec::new();
     let mut used: Vec<Arc<StyleImage>> = Vec::new();
@@ -43,7 +43,8 @@ pub fn scene(
         let slot = template.volumes.iter().position(|v| v.name == object.volume);
         let volume =
             slot.and_then(|i| sources.volumes.get(i)).context("a volume slot of the template is empty; fill it")?;
-        let mut making = Making { volume, styles, used: &mut used, notes: &mut notes, radius_mm, progress };
+        let mut making =
+            Making { volume, styles, used: &mut used, notes: &mut notes, radius_mm, poses: Vec::new(), progress };
         let mut made = making.object(object)?;
         for region in &object.regions {
             let slot = template.selections.iter().position(|s| s.name == region.selection);
@@ -91,26 +92,40 @@ pub(super) fn object(
     progress: &Progress,
 ) -> Result<Object> {
     let (used, notes) = (&mut Vec::new(), &mut Vec::new());
-    Making { volume, styles, used, notes, radius_mm: 1.0, progress }.object(template)
+    Making { volume, styles, used, notes, radius_mm: 1.0, poses: Vec::new(), progress }.object(template)
 }
 
-/// What the camera's lengths are relative to: the first object as its own transfer function shows it. Its regions have no part in
-/// that, so that the view stays where it is when something is painted or hidden.
+/// What the camera's lengths are relative to: the first object as its own transfer function shows it, in whatever styles. Its regions
+/// have no part in that, so that the view stays where it is when something is painted or hidden.
 ///
 /// # Errors
-/// As [`scene`], for what concerns the object.
-pub fn reference(
-    template: &Template,
-    sources: &Sources,
-    styles: &StyleLibrary,
-    progress: &Progress,
-) -> Result<Option<Object>> {
+/// One sentence: a volume that is missing, or [`fabrica_engine::Error::Cancelled`].
+pub fn reference(template: &Template, sources: &Sources, progress: &Progress) -> Result<Option<Object>> {
     let Some(first) = template.objects.first() else { return Ok(None) };
     let slot = template.volumes.iter().position(|v| v.name == first.volume);
     let volume =
         slot.and_then(|i| sources.volumes.get(i)).context("a volume slot of the template is empty; fill it")?;
-    let plain = ObjectTemplate { rest: RestTemplate::default(), regions: Vec::new(), ..first.clone() };
-    object(&plain, volume, styles, progress).map(Some)
+    let value = values(volume, first.transfer_function.domain, progress)?;
+    let nodes = first.transfer_function.nodes.iter();
+    let nodes = nodes.map(|node| TransferFunctionNode { value: value(node.at), style: 0, opacity: node.opacity });
+    let voxel_mm = volume.grid.spacing_mm().min_element();
+    let transfer_function = StyleTransferFunction {
+        nodes: nodes.collect(),
+        reference_length_mm: first.transfer_function.reference_length_mm.unwrap_or(voxel_mm),
+    };
+    let gradient_scale_mm = first.gradient_scale_mm.unwrap_or(voxel_mm);
+    Ok(Some(Object { volume: volume.clone(), transfer_function, regions: Vec::new(), gradient_scale_mm }))
+}
+
+/// From what a transfer function's positions count to data values.
+fn values<'a>(volume: &'a Volume, domain: Domain, progress: &Progress) -> Result<Box<dyn Fn(f64) -> f64 + 'a>> {
+    Ok(match domain {
+        Domain::Data => Box::new(|at| at),
+        Domain::Percentile => {
+            let statistics = volume.statistics(progress)?;
+            Box::new(|at| statistics.percentile_above_background(at))
+        }
+    })
 }
 
 /// An object of a scene in the making.
@@ -122,8 +137,13 @@ struct Making<'a> {
     notes: &'a mut Vec<String>,
     /// What lengths of moves are relative to.
     radius_mm: f64,
+    /// Where regions were moved to so far.
+    poses: Vec<DAffine3>,
     progress: &'a Progress,
 }
+
+/// Poses that differ by less, in mm and of their matrices, are the same.
+const SAME_POSE: f64 = 1e-7;
 
 impl Making<'_> {
     fn object(&mut self, template: &ObjectTemplate) -> Result<Object> {
@@ -149,13 +169,7 @@ impl Making<'_> {
 
     /// `style`: takes the place of its nodes' own.
     fn function(&mut self, template: &TransferFunctionTemplate, style: Option<&str>) -> Result<StyleTransferFunction> {
-        let value: Box<dyn Fn(f64) -> f64> = match template.domain {
-            Domain::Data => Box::new(|at| at),
-            Domain::Percentile => {
-                let statistics = self.volume.statistics(self.progress)?;
-                Box::new(|at| statistics.percentile_above_background(at))
-            }
-        };
+        let value = values(self.volume, template.domain, self.progress)?;
         let mut nodes = Vec::with_capacity(template.nodes.len());
         for node in &template.nodes {
             let style = self.styles.get(style.unwrap_or(&node.style))?;
@@ -176,19 +190,29 @@ impl Making<'_> {
         object: &ObjectTemplate,
         structures: &[Structure],
     ) -> Result<Vec<Region>> {
-        let moved = self.moved(template, structures);
-        let mut regions = Vec::new();
+        let mut regions: Vec<Region> = Vec::new();
         for structure in drawn(template, structures) {
             let label = &structure.label;
-            let look = template.look_at(Some(&template.called(label)));
-            let ghost = |moved: &MoveTemplate| self.look(&moved.ghost_of(&look), template, object, label);
-            let ghost = template.moved.as_ref().filter(|_| moved.is_some()).map(ghost).transpose()?;
-            regions.push(Region {
-                name: label.name.clone(),
-                selection: structure.selection.clone(),
-                look: self.look(&look, template, object, label)?,
-                moved: moved.clone().zip(ghost).map(|((pose, meetings), ghost)| Moved { pose, ghost, meetings }),
-            });
+            let name = template.called(label);
+            let look = template.look_at(Some(&name));
+            let own = template.own_move(Some(&name));
+            let moved = match own.or(template.moved.as_ref()).filter(|moved| moved.is_moved()) {
+                None => None,
+                Some(moved) => {
+                    let center_mm = center_mm(template, structures, own.map(|_| name.as_str()), &self.volume.grid);
+                    let ghost = self.look(&moved.ghost_of(&look), template, object, label)?;
+                    let pose = moved.pose(center_mm, self.radius_mm);
+                    // What was moved together is one body; it has one pose to the last bit.
+                    let known = self.poses.iter().find(|known| known.abs_diff_eq(pose, SAME_POSE)).copied();
+                    let pose = known.unwrap_or_else(|| {
+                        self.poses.push(pose);
+                        pose
+                    });
+                    Some(Moved { pose, ghost, meetings: meetings(moved) })
+                }
+            };
+            let look = self.look(&look, template, object, label)?;
+            regions.push(Region { name: label.name.clone(), selection: structure.selection.clone(), look, moved });
         }
         if regions.is_empty() {
             self.notes.push(match &template.structure {
@@ -225,28 +249,28 @@ impl Making<'_> {
             opacity: if visible { look.opacity.unwrap_or(1.0) } else { 0.0 },
         })
     }
+}
 
-    /// Where all structures of a region are, and how they look where they meet others; none where they lie as they were found.
-    fn moved(&self, template: &RegionTemplate, structures: &[Structure]) -> Option<(DAffine3, Meetings)> {
-        let moved = template.moved.as_ref().filter(|moved| moved.is_moved())?;
-        let center_mm = center_mm(template, structures, &self.volume.grid);
-        let meeting = |meeting: &MeetingTemplate| Meeting {
-            color: meeting.color.0.map(linear_from_srgb8),
-            strength: meeting.strength.as_ref().map(|strength| strength.0.clone()),
-        };
-        let meetings = Meetings {
-            ghost: moved.meets_ghost.as_ref().map(meeting),
-            background: moved.meets_background.as_ref().map(meeting),
-        };
-        Some((moved.pose(center_mm, self.radius_mm), meetings))
+/// How a moved region looks where it meets others.
+fn meetings(moved: &MoveTemplate) -> Meetings {
+    let meeting = |meeting: &MeetingTemplate| Meeting {
+        color: meeting.color.0.map(linear_from_srgb8),
+        strength: meeting.strength.as_ref().map(|strength| strength.0.clone()),
+    };
+    Meetings {
+        ghost: moved.meets_ghost.as_ref().map(meeting),
+        background: moved.meets_background.as_ref().map(meeting),
     }
 }
 
-/// What a region turns about, world mm: the middle of the box around all of its voxels; of the grid, where it has none.
-pub fn center_mm(template: &RegionTemplate, structures: &[Structure], grid: &Grid) -> DVec3 {
+/// What a region turns about or, by the name that the template gives it, a structure of it, world mm: the middle of the box around all
+/// of its voxels; of the grid, where it has none.
+pub fn center_mm(template: &RegionTemplate, structures: &[Structure], structure: Option<&str>, grid: &Grid) -> DVec3 {
     let mut low = DVec3::INFINITY;
     let mut high = DVec3::NEG_INFINITY;
-    for bounds in drawn(template, structures).filter_map(|structure| structure.selection.bounds()) {
+    let is_meant = |s: &&Structure| structure.is_none_or(|name| template.called(&s.label) == name);
+    let selections = drawn(template, structures).filter(is_meant);
+    for bounds in selections.filter_map(|structure| structure.selection.bounds()) {
         low = low.min(DVec3::from_array(bounds.map(|b| b[0] as f64)));
         high = high.max(DVec3::from_array(bounds.map(|b| b[1] as f64 - 1.0)));
     }
@@ -312,7 +336,7 @@ mod tests {
 
     use super::*;
     use crate::figure::sources::Selections;
-    use crate::figure::template::{SelectionSlot, Tint};
+    use crate::figure::template::{SelectionSlot, StructureTemplate, Tint};
 
     /// A volume of 32³ voxels of 2 mm, all shown, with two boxes in a label map.
     fn figure() -> (Template, Sources) {
@@ -386,11 +410,47 @@ mod tests {
     }
 
     #[test]
+    fn a_structure_of_a_group_is_moved_by_itself() {
+        let (mut template, sources) = figure();
+        let region = &mut template.objects[0].regions[0];
+        region.moved = Some(MoveTemplate { offset: [0.0, 0.5, 0.0], ..MoveTemplate::default() });
+        let own = MoveTemplate { turn: [90.0, 0.0, 0.0], ..MoveTemplate::default() };
+        region.structures.push(StructureTemplate { moved: Some(own), ..StructureTemplate::of("spleen") });
+        let poses = |template: &Template| -> Vec<Option<DAffine3>> {
+            let scene = made(template, &sources);
+            scene.objects[0].regions.iter().map(|r| r.moved().map(|m| m.pose)).collect()
+        };
+        let found = poses(&template);
+        assert_eq!(found[0].unwrap().matrix3, glam::DMat3::IDENTITY);
+        // About its own middle: voxels 12 to 13, 10 to 19 and 2 to 6.
+        let center = DVec3::new(25.0, 29.0, 8.0);
+        let at = found[1].unwrap().transform_point3(center + DVec3::Y);
+        assert!(at.distance(center + DVec3::Z) < 1e-9, "{at}");
+        // What says that it is where it was found does not follow its group.
+        template.objects[0].regions[0].structures[0].moved = Some(MoveTemplate::default());
+        let found = poses(&template);
+        assert!(found[0].is_some() && found[1].is_none());
+        // Both by the same, each about its middle and then to where the whole would bring it: one body.
+        let region = &mut template.objects[0].regions[0];
+        let whole = MoveTemplate { turn: [10.0, 20.0, 30.0], scale: 0.9, ..MoveTemplate::default() };
+        let center_of = |region: &RegionTemplate, name: Option<&str>| {
+            center_mm(region, &sources.selections[0].structures, name, &sources.volumes[0].grid)
+        };
+        let radius_mm = 32.0 * 3f64.sqrt();
+        region.moved = Some(whole.clone());
+        region.structures[0].moved =
+            Some(whole.with_center(center_of(region, None), center_of(region, Some("spleen")), radius_mm));
+        assert!(DVec3::from_array(region.structures[0].moved.as_ref().unwrap().offset).length() > 0.01);
+        let found = poses(&template);
+        assert_eq!(found[0], found[1]);
+    }
+
+    #[test]
     fn an_empty_region_turns_about_the_middle_of_the_volume() {
         let (template, sources) = figure();
         let region = RegionTemplate::of("organs", Some("kidney".to_owned()));
         let grid = &sources.volumes[0].grid;
-        assert_eq!(center_mm(&region, &sources.selections[0].structures, grid), DVec3::splat(31.0));
+        assert_eq!(center_mm(&region, &sources.selections[0].structures, None, grid), DVec3::splat(31.0));
         assert_eq!(template.objects[0].regions.len(), 1);
     }
 }

@@ -37,6 +37,9 @@ impl FunctionOf {
     }
 }
 
+/// A structure of a group, by name, or a region itself; and where it is to be.
+pub type PartMove = (Option<String>, Option<MoveTemplate>);
+
 /// One edit. Objects, nodes and volume slots are named by their position.
 #[derive(Clone, Debug, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "commands are made one at a time and used up at once")]
@@ -165,14 +168,15 @@ pub enum Command {
         /// Names, and what differs from the group's look.
         looks: Vec<(String, LookTemplate)>,
     },
-    /// Where a region was moved to, all of it together, and what that leaves behind.
+    /// Where a region was moved to, or structures in it, and what that leaves behind.
     SetMove {
         /// Of which object.
         object: usize,
         /// Which region.
         region: usize,
-        /// Where to; none: where it was found.
-        moved: Option<MoveTemplate>,
+        /// Which structures of a group, by name, or the region itself; and where to. None: of the region, where it was found, and of
+        /// a structure, where its group is.
+        moves: Vec<PartMove>,
         /// What the edit is called; empty: by the region's name.
         label: String,
     },
@@ -245,10 +249,14 @@ impl Command {
             Self::SetLooks { looks, .. } if looks.len() == 1 => format!("Change look of {}", looks[0].0),
             Self::SetLooks { looks, .. } => format!("Change look of {} structures", looks.len()),
             Self::SetMove { label, .. } if !label.is_empty() => label.clone(),
-            Self::SetMove { object, region, .. } => {
-                let found = figure.objects.get(*object).and_then(|o| o.regions.get(*region));
-                format!("Move {}", found.map_or("region", RegionTemplate::title))
-            }
+            Self::SetMove { object, region, moves, .. } => match &moves[..] {
+                [(Some(structure), _)] => format!("Move {structure}"),
+                [(None, _), ..] => {
+                    let found = figure.objects.get(*object).and_then(|o| o.regions.get(*region));
+                    format!("Move {}", found.map_or("region", RegionTemplate::title))
+                }
+                several => format!("Move {} structures", several.len()),
+            },
             Self::SetVoxels { label, .. } => label.clone(),
             Self::SetVolume { slot, volume } => reading(figure.volumes.get(*slot), volume),
         }
@@ -277,10 +285,12 @@ impl Command {
                 Self::SetLook { object, region, structure, look },
                 Self::SetLook { object: o, region: r, structure: s, look: l },
             ) => (object, region, structure) == (o, r, s) && other_tint(look, l),
-            (
-                Self::SetMove { object, region, moved: Some(a), .. },
-                Self::SetMove { object: o, region: r, moved: Some(b), .. },
-            ) => (object, region) == (o, r) && a != b && uncolored(a) == uncolored(b),
+            (Self::SetMove { object, region, moves, .. }, Self::SetMove { object: o, region: r, moves: m, .. }) => {
+                let same = |((s, a), (t, b)): (&PartMove, &PartMove)| {
+                    s == t && a != b && a.as_ref().map(uncolored) == b.as_ref().map(uncolored)
+                };
+                (object, region, moves.len()) == (o, r, m.len()) && moves.iter().zip(m).all(same)
+            }
             (Self::SetLooks { object, region, looks }, Self::SetLooks { object: o, region: r, looks: l }) => {
                 let same =
                     |((s, a), (t, b)): (&(String, LookTemplate), &(String, LookTemplate))| s == t && other_tint(a, b);
@@ -389,9 +399,9 @@ impl Command {
                 let region = region_of(&mut object_of(figure, object)?.regions, region)?;
                 looks.into_iter().for_each(|(structure, look)| set_look(region, &structure, look));
             }
-            Self::SetMove { object, region, moved, .. } => {
+            Self::SetMove { object, region, moves, .. } => {
                 let region = region_of(&mut object_of(figure, object)?.regions, region)?;
-                region.moved = moved.filter(|moved| !moved.is_default());
+                moves.into_iter().for_each(|(structure, moved)| set_move(region, structure.as_deref(), moved));
             }
             Self::SetVoxels { slot: name, voxels, .. } => {
                 let Some(slot) = figure.selections.iter_mut().find(|s| s.name == name) else {
@@ -481,17 +491,37 @@ fn region_of(regions: &mut [RegionTemplate], region: usize) -> Result<&mut Regio
 
 /// What says nothing is not kept.
 fn set_look(region: &mut RegionTemplate, structure: &str, look: LookTemplate) {
-    let place = region.structures.iter().position(|s| s.structure == structure);
-    match place {
-        Some(i) if look.is_default() && region.structures[i].extra.is_empty() => {
-            region.structures.remove(i);
-        }
-        Some(i) => region.structures[i].look = look,
-        None if look.is_default() => {}
+    change_structure(region, structure, |of| of.look = look);
+}
+
+/// What says nothing is not kept; that a structure is where it was found says something while its group is not.
+fn set_move(region: &mut RegionTemplate, structure: Option<&str>, moved: Option<MoveTemplate>) {
+    let is_group_moved = region.moved.as_ref().is_some_and(MoveTemplate::is_moved);
+    match structure {
         None => {
-            let structure = structure.to_owned();
-            region.structures.push(StructureTemplate { structure, look, extra: serde_json::Map::new() });
+            region.moved = moved.filter(|moved| !moved.is_default());
+            if !region.moved.as_ref().is_some_and(MoveTemplate::is_moved) {
+                let says_nothing = |moved: &MoveTemplate| moved.is_default();
+                region.structures.iter_mut().for_each(|s| drop(s.moved.take_if(|moved| says_nothing(moved))));
+                region.structures.retain(|s| !s.is_default());
+            }
         }
+        Some(name) => {
+            let moved = moved.filter(|moved| !moved.is_default() || is_group_moved);
+            change_structure(region, name, |of| of.moved = moved);
+        }
+    }
+}
+
+fn change_structure(region: &mut RegionTemplate, structure: &str, change: impl FnOnce(&mut StructureTemplate)) {
+    let structures = &mut region.structures;
+    let place = structures.iter().position(|s| s.structure == structure).unwrap_or_else(|| {
+        structures.push(StructureTemplate::of(structure));
+        structures.len() - 1
+    });
+    change(&mut structures[place]);
+    if structures[place].is_default() {
+        structures.remove(place);
     }
 }
 
@@ -520,8 +550,7 @@ fn function_of<'a>(figure: &'a mut Template, of: &FunctionOf) -> Result<&'a mut 
         None => &mut region.look,
         Some(name) => {
             let place = region.structures.iter().position(|s| s.structure == *name).unwrap_or_else(|| {
-                let (structure, look) = (name.clone(), LookTemplate::default());
-                region.structures.push(StructureTemplate { structure, look, extra: serde_json::Map::new() });
+                region.structures.push(StructureTemplate::of(name));
                 region.structures.len() - 1
             });
             &mut region.structures[place].look

@@ -218,7 +218,7 @@ fn size(figure: &Template, next: &Template) -> usize {
     let functions = looks().filter_map(|look| look.transfer_function.as_ref());
     let nodes: usize =
         figure.objects.iter().map(|o| &o.transfer_function).chain(functions).map(|f| f.nodes.len()).sum();
-    let moves = regions().filter_map(|r| r.moved.as_ref());
+    let moves = regions().flat_map(|r| r.moved.iter().chain(r.structures.iter().filter_map(|s| s.moved.as_ref())));
     let meetings = moves.flat_map(|m| [&m.meets_ghost, &m.meets_background]).flatten();
     let strengths = meetings.filter(|m| m.strength.is_some()).count();
     let painted = |figure: &'_ Template| {
@@ -370,7 +370,7 @@ mod tests {
         let set = |moved: Option<MoveTemplate>, label: &str| Command::SetMove {
             object: 0,
             region: 0,
-            moved,
+            moves: vec![(None, moved)],
             label: label.to_owned(),
         };
         let to = |x: f64| MoveTemplate { offset: [x, 0.0, 0.0], ..MoveTemplate::default() };
@@ -575,7 +575,8 @@ mod tests {
                 21 => {
                     let moved = (self.below(4) > 0).then(|| self.movement());
                     let label = ["", "Turn Liver 3.0°"][self.below(2)].to_owned();
-                    Command::SetMove { object, region: self.below(2), moved, label }
+                    let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
+                    Command::SetMove { object, region: self.below(2), moves: vec![(structure, moved)], label }
                 }
                 19 => {
                     let rest = RestTemplate { visible: self.below(2) == 0, ..RestTemplate::default() };

@@ -120,7 +120,15 @@ pub fn fit(camera: &CameraTemplate, page: &Page, object: &Object, reference: &Ob
         ProjectionName::Orthographic => 0.1,
     };
     let reach = object.volume.grid.spacing_mm().max_element();
-    let frame = Frame::around(&outline(object), reach, view, fov_deg, (aspect, aspect));
+    let mut points = outline(object);
+    for body in object.bodies() {
+        let is_shown = body.regions.iter().any(|i| object.regions[*i].look.opacity > 0.0);
+        if let Some(pose) = body.pose().filter(|_| is_shown) {
+            let (low, high) = body.index_box(object);
+            points.extend(object.volume.grid.box_corners_mm(low, high).map(|corner| pose.transform_point3(corner)));
+        }
+    }
+    let frame = Frame::around(&points, reach, view, fov_deg, (aspect, aspect));
     CameraTemplate {
         height: frame.height_mm / radius,
         target: ((frame.target_mm - center) / radius).to_array(),

@@ -12,6 +12,7 @@ use glam::DVec3;
 
 use super::super::dialogs::{self, Choice, Dialog, Then};
 use super::super::file_dialog::{FileDialog, Purpose};
+use super::super::movable::{Change, Movable};
 use super::super::open_figure::OpenFigure;
 use super::super::panels::curve;
 use super::super::session::Settings;
@@ -34,6 +35,9 @@ impl Editor {
                 Some("Nothing to undo")
             }
             UiCommand::Redo if document.is_some_and(|d| d.redo_label().is_none()) => Some("Nothing to redo"),
+            UiCommand::PutBack if !self.open.as_ref().and_then(Movable::chosen).is_some_and(|m| m.is_moved()) => {
+                Some("Choose a region that is moved first")
+            }
             UiCommand::InsertNode | UiCommand::RemoveNode if node.is_none() => {
                 Some("Choose a node of the transfer function first")
             }
@@ -103,6 +107,10 @@ impl Editor {
             C::RemoveNode => {
                 let Some(node) = open.node.take() else { return true };
                 Command::RemoveNode { of: open.function_of(), node }
+            }
+            C::PutBack => {
+                let Some(movable) = Movable::chosen(open) else { return true };
+                movable.command(Change::Back)
             }
             C::InsertNode => {
                 curve::insert_after_chosen(open);
@@ -358,8 +366,7 @@ fn fitted(open: &mut OpenFigure, styles: &StyleLibrary) -> CameraTemplate {
     let scene = open.scene(styles);
     let figure = open.document.figure();
     let sources = open.sources();
-    let reference =
-        sources.and_then(|sources| bridge::reference(figure, &sources, styles, &Progress::new()).ok().flatten());
+    let reference = sources.and_then(|sources| bridge::reference(figure, &sources, &Progress::new()).ok().flatten());
     match scene.as_ref().and_then(|scene| scene.objects.first()).zip(reference) {
         Some((object, reference)) => framing::fit(&figure.camera, &figure.figure, object, &reference),
         None => view::fit(&figure.camera),

@@ -440,7 +440,7 @@ impl Editor {
                     self.viewport.show(ui, open, &self.gallery, &mut self.layout.function, &self.painter);
                 });
                 if let Some(pick) = self.viewport.take_asked() {
-                    self.slices.look_at(pick.position_mm);
+                    self.slices.look_at(pick.rest_mm);
                     ctx.request_repaint();
                 }
                 if let Some(under) = self.slices.under() {

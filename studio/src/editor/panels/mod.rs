@@ -3,10 +3,12 @@
 pub mod curve;
 pub mod histogram;
 pub mod history;
+pub mod moves;
 pub mod objects;
 pub mod plot;
 pub mod properties;
 pub mod regions;
 pub mod start_page;
+mod strength;
 pub mod styles;
 pub mod transfer_function;

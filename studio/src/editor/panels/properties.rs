@@ -4,10 +4,11 @@ use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Response, Ui, Wi
 use fabrica_engine::read::limits::bytes_in_words;
 use fabrica_engine::volume::{Volume, type_in_words};
 
+use super::super::movable::Movable;
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::super::ui_command::UiCommand;
-use super::regions;
+use super::{moves, regions};
 use crate::figure::Command;
 use crate::figure::template::{Background, Page, ProjectionName, QualityName, VolumeSlot};
 
@@ -95,6 +96,9 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, styles: &[&str]) -> Option<Wante
     let mut wanted = None;
     if open.chosen_region().is_some() {
         section(ui, "Region", true, |ui| regions::look(ui, open, styles));
+        if let Some(movable) = Movable::chosen(open) {
+            section(ui, "Move", true, |ui| moves::show(ui, open, &movable, styles));
+        }
     }
     section(ui, "Appearance", true, |ui| appearance(ui, open));
     section(ui, "Figure", true, |ui| page(ui, open));

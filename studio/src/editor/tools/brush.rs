@@ -10,7 +10,7 @@ use glam::DVec3;
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::target::{Target, label};
-use super::view::View;
+use super::view::{Place, View};
 use super::{Hand, Settings, shorter_mm};
 
 /// What a frame may take for dabs; the way of the hand that is left is for the next.
@@ -23,7 +23,7 @@ pub struct Brush {
     /// Where a drag began that changes the radius, and the radius there.
     resizing: Option<(Pos2, f64, f64)>,
     /// The surface under the pointer as it was found last.
-    under: Option<(Pos2, Option<DVec3>)>,
+    under: Option<(Pos2, Option<Place>)>,
     /// Which way the surface faces there, if it is even enough to tell: a unit vector.
     normal: Option<DVec3>,
 }
@@ -37,7 +37,7 @@ struct Painting {
     /// Positions of the pointer that are still to be painted at.
     way: VecDeque<Pos2>,
     last_at: Pos2,
-    last_mm: Option<DVec3>,
+    last: Option<Place>,
     is_released: bool,
 }
 
@@ -70,8 +70,9 @@ impl Brush {
                     let Some(view) = view else { continue };
                     self.finish(open);
                     if shift {
-                        let place = view.place_mm(at).or_else(|| middle(open));
-                        let mm_per_point = place.map_or(1.0, |place| view.mm_per_point(place));
+                        let place = view.place(at).map(|place| (place.seen_mm, place.scale));
+                        let place = place.or_else(|| middle(open).map(|middle| (middle, 1.0)));
+                        let mm_per_point = place.map_or(1.0, |(place, scale)| view.mm_per_point(place) / scale);
                         self.resizing = Some((at, settings.radius_mm(open), mm_per_point));
                     } else {
                         said = self.begin(at, view, open, settings, alt).err();
@@ -121,8 +122,8 @@ impl Brush {
         let stroke = Stroke::new(&target.before, brush, settings.limits(open, &target.volume, view))?;
         open.document.begin();
         let (way, view) = (VecDeque::from([at]), view.clone());
-        let (last_at, last_mm, is_released) = (at, None, false);
-        self.stroke = Some(Painting { stroke, target, view, erases, radius_mm, way, last_at, last_mm, is_released });
+        let (last_at, last, is_released) = (at, None, false);
+        self.stroke = Some(Painting { stroke, target, view, erases, radius_mm, way, last_at, last, is_released });
         Ok(())
     }
 
@@ -132,7 +133,7 @@ impl Brush {
         painting.paint(open, Instant::now() + Duration::from_secs(1));
         open.document.commit();
         let is_same = painting.stroke.selection().changed_since(&painting.target.before).is_empty();
-        match (is_same, painting.last_mm, painting.erases) {
+        match (is_same, painting.last, painting.erases) {
             (false, ..) => None,
             (true, None, _) => Some("There is nothing to paint on".to_owned()),
             (true, Some(_), true) => Some("Nothing of the selection was there".to_owned()),
@@ -144,16 +145,19 @@ impl Brush {
     pub fn cursor(&mut self, painter: &egui::Painter, at: Pos2, view: &View, radius_mm: f64, erases: bool) {
         let at = self.resizing.map_or(at, |(from, ..)| from);
         if self.stroke.is_none() && self.under.is_none_or(|(of, _)| of != at) {
-            let place = view.place_mm(at);
+            let place = view.place(at);
             self.under = Some((at, place));
-            self.normal = place.and_then(|place| normal(view, at, place, radius_mm));
+            self.normal = place.and_then(|place| normal(view, at, place.seen_mm, place.scale * radius_mm));
         }
         let place = match &self.stroke {
-            Some(painting) => painting.last_mm,
+            Some(painting) => painting.last,
             None => self.under.and_then(|(_, place)| place),
         };
+        // As large as it is where it was moved to.
+        let shown_mm = place.map_or(radius_mm, |place| place.scale * radius_mm);
+        let place = place.map(|place| place.seen_mm);
         let (radius, is_on) = match place {
-            Some(place) => ((radius_mm / view.mm_per_point(place)) as f32, true),
+            Some(place) => ((shown_mm / view.mm_per_point(place)) as f32, true),
             None => (12.0, false),
         };
         let radius = radius.clamp(1.5, 4000.0);
@@ -163,7 +167,7 @@ impl Brush {
             let ((u, v), center) = tangents.zip(place)?;
             let (sin, cos) = f64::from(angle).sin_cos();
             // The disc is where the pointer is, even if what was found lies a part of a pixel beside it.
-            Some(at + (view.position(center + radius_mm * (cos * u + sin * v))? - view.position(center)?))
+            Some(at + (view.position(center + shown_mm * (cos * u + sin * v))? - view.position(center)?))
         };
         let circle: Vec<Pos2> = (0..=96)
             .map(|i| i as f32 / 96.0 * std::f32::consts::TAU)
@@ -202,7 +206,8 @@ impl Brush {
 impl Painting {
     /// Goes on to a position: past others, so that a fast hand leaves no gaps on curved surfaces.
     fn go_on(&mut self, at: Pos2) {
-        let radius = self.last_mm.map_or(8.0, |place| self.radius_mm / self.view.mm_per_point(place));
+        let radius =
+            self.last.map_or(8.0, |place| place.scale * self.radius_mm / self.view.mm_per_point(place.seen_mm));
         let step = (0.35 * radius as f32).clamp(2.0, 24.0);
         let way = at - self.last_at;
         let num = (way.length() / step).ceil().max(1.0) as usize;
@@ -214,17 +219,17 @@ impl Painting {
     fn paint(&mut self, open: &mut OpenFigure, until: Instant) {
         let mut has_changed = false;
         while let Some(at) = self.way.pop_front() {
-            match self.view.place_mm(at) {
+            match self.view.place(at) {
                 None => self.stroke.lift(),
                 Some(place) => {
                     // From a near surface to a far one the brush is lifted, and does not dig.
-                    if self.last_mm.is_some_and(|last| last.distance(place) > 1.5 * self.radius_mm + 1e-9)
+                    if self.last.is_some_and(|last| last.rest_mm.distance(place.rest_mm) > 1.5 * self.radius_mm + 1e-9)
                         && matches!(self.view, View::Figure(_))
                     {
                         self.stroke.lift();
                     }
-                    has_changed |= !self.stroke.dab_to(place).is_empty();
-                    self.last_mm = Some(place);
+                    has_changed |= !self.stroke.dab_to(place.rest_mm).is_empty();
+                    self.last = Some(place);
                 }
             }
             if Instant::now() > until {
@@ -249,8 +254,11 @@ fn normal(view: &View, at: Pos2, place: DVec3, radius_mm: f64) -> Option<DVec3> 
     let mm_per_point = view.mm_per_point(place);
     let by = (0.5 * radius_mm / mm_per_point).clamp(4.0, 30.0) as f32;
     // Behind an edge lies something else.
-    let near =
-        |by: Vec2| view.place_mm(at + by).filter(|p| p.distance(place) < 4.0 * f64::from(by.length()) * mm_per_point);
+    let near = |by: Vec2| {
+        view.place(at + by)
+            .map(|p| p.seen_mm)
+            .filter(|p| p.distance(place) < 4.0 * f64::from(by.length()) * mm_per_point)
+    };
     let along = |by: Vec2| Some((near(by)? - near(-by)?).normalize_or_zero());
     let normal = along(Vec2::new(by, 0.0))?.cross(along(Vec2::new(0.0, by))?).try_normalize()?;
     (normal.dot(view.direction(place)).abs() > 0.2).then_some(normal)

@@ -250,10 +250,10 @@ impl Preview {
 
 /// The voxel that is meant at a position: in the figure the one behind the surface.
 fn voxel_at(view: &View, at: Pos2, open: &OpenFigure) -> Option<[usize; 3]> {
-    let place = view.place_mm(at)?;
+    let place = view.place(at)?;
     let grid = &open.chosen_volume()?.grid;
     let inward = if matches!(view, View::Figure(_)) { grid.spacing_mm().min_element() } else { 0.0 };
-    let index = grid.index_from_world().transform_point3(place + inward * view.direction(place)).round();
+    let index = grid.index_from_world().transform_point3(place.rest_mm + inward * place.inward).round();
     let last = DVec3::from_array(grid.dims().map(|n| (n - 1) as f64));
     let is_near = (index - index.clamp(DVec3::ZERO, last)).abs().max_element() <= 1.0;
     is_near.then(|| index.clamp(DVec3::ZERO, last).to_array().map(|n| n as usize))

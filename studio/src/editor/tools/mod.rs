@@ -6,7 +6,6 @@ mod brush;
 mod grow;
 mod lasso;
 mod rectangle;
-mod surface;
 pub mod target;
 mod view;
 mod work;
@@ -498,7 +497,7 @@ impl Tools {
 }
 
 /// A line of text on any background.
-fn tell(painter: &Painter, at: Pos2, text: &str) {
+pub fn tell(painter: &Painter, at: Pos2, text: &str) {
     let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(13.0), Color32::WHITE);
     let rect = Align2::LEFT_CENTER.anchor_size(at, galley.size());
     // Within the view, even at its edge.

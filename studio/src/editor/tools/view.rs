@@ -3,14 +3,12 @@
 use std::sync::Arc;
 
 use eframe::egui::{Pos2, Rect, Vec2};
-use fabrica_engine::pick::pick;
-use fabrica_engine::reference::ray::{Ray, ray_from_pixel};
+use fabrica_engine::pick::{Pick, pick};
 use fabrica_engine::scene::{Camera, Projection, Scene};
 use fabrica_engine::slice::anatomical::Orientation;
 use glam::DVec3;
 
 use super::super::slices::pane::Geometry;
-use super::surface;
 
 /// The figure as it is seen.
 #[derive(Clone)]
@@ -23,6 +21,19 @@ pub struct FigureView {
     pub scene: Arc<Scene>,
 }
 
+/// What is under the pointer, as a hand means it that paints.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// Where it is seen: world (RAS), mm.
+    pub seen_mm: DVec3,
+    /// Where it is in the volume: elsewhere, for a region that was moved.
+    pub rest_mm: DVec3,
+    /// From the eye into the picture, in the volume: a unit vector.
+    pub inward: DVec3,
+    /// How large a millimeter of the volume is there, mm.
+    pub scale: f64,
+}
+
 /// A view that tools work in.
 #[derive(Clone)]
 pub enum View {
@@ -33,29 +44,39 @@ pub enum View {
 }
 
 impl FigureView {
-    /// The ray through a position of the pointer; none beside the picture.
-    fn ray(&self, at: Pos2) -> Option<(Ray, [u32; 2])> {
+    /// What is seen at a position of the pointer; none beside the picture, and where it shows nothing.
+    fn pick(&self, at: Pos2) -> Option<Pick> {
+        if !self.frame.contains(at) {
+            return None;
+        }
         let share = (at - self.frame.min) / self.frame.size();
         let pixel = |share: f32, n: u32| ((share * n as f32) as u32).min(n - 1);
-        let pixel = [pixel(share.x, self.size[0]), pixel(share.y, self.size[1])];
-        let is_on = self.frame.contains(at);
-        is_on.then(|| (ray_from_pixel(&self.scene.camera, self.size, pixel[0], pixel[1]), pixel))
+        pick(&self.scene, self.size, pixel(share.x, self.size[0]), pixel(share.y, self.size[1]))
     }
 
-    /// Along the view axis: how far what is seen at a position lies from the eye, mm.
+    /// Along the view axis: how far what is seen at a position lies from the eye, mm. None as well where that was moved: what lies
+    /// behind it in the volume is something else.
     pub fn depth_mm(&self, at: Pos2) -> Option<f64> {
-        let (ray, _) = self.ray(at)?;
-        let t = surface::depth_mm(self.scene.objects.first()?, &ray)?;
-        Some((ray.origin_mm + t * ray.direction - self.scene.camera.eye_mm).dot(self.scene.camera.forward))
+        let camera = &self.scene.camera;
+        let is_at_rest = |pick: &Pick| pick.rest_mm.distance(pick.position_mm) < 1e-6;
+        let pick = self.pick(at).filter(is_at_rest)?;
+        Some((pick.position_mm - camera.eye_mm).dot(camera.forward))
     }
 
-    fn place_mm(&self, at: Pos2) -> Option<DVec3> {
-        let (ray, pixel) = self.ray(at)?;
-        let object = self.scene.objects.first()?;
-        if surface::has_hidden_parts(object) {
-            return surface::depth_mm(object, &ray).map(|t| ray.origin_mm + t * ray.direction);
-        }
-        pick(&self.scene, self.size, pixel[0], pixel[1]).map(|pick| pick.position_mm)
+    fn place(&self, at: Pos2) -> Option<Place> {
+        let pick = self.pick(at)?;
+        let camera = &self.scene.camera;
+        let direction = match camera.projection {
+            Projection::Perspective { .. } => (pick.position_mm - camera.eye_mm).normalize_or_zero(),
+            Projection::Orthographic { .. } => camera.forward,
+        };
+        let region = pick.region.filter(|_| !pick.is_ghost);
+        let region = region.and_then(|i| self.scene.objects.first()?.regions.get(i)?.moved());
+        let (inward, scale) = region.map_or((direction, 1.0), |moved| {
+            let m = moved.pose.matrix3;
+            ((m.inverse() * direction).normalize_or_zero(), m.determinant().abs().cbrt())
+        });
+        Some(Place { seen_mm: pick.position_mm, rest_mm: pick.rest_mm, inward, scale })
     }
 }
 
@@ -90,11 +111,14 @@ impl View {
         }
     }
 
-    /// What is in the body at a position of the pointer (RAS mm): in the figure the surface that is seen there; none beside it.
-    pub fn place_mm(&self, at: Pos2) -> Option<DVec3> {
+    /// What is at a position of the pointer: in the figure the surface that is seen there; none beside it.
+    pub fn place(&self, at: Pos2) -> Option<Place> {
         match self {
-            Self::Figure(figure) => figure.place_mm(at),
-            Self::Slice(_, geometry) => geometry.rect.contains(at).then(|| geometry.place_mm(at)),
+            Self::Figure(figure) => figure.place(at),
+            Self::Slice(_, geometry) => geometry.rect.contains(at).then(|| {
+                let place = geometry.place_mm(at);
+                Place { seen_mm: place, rest_mm: place, inward: geometry.frame.view_direction(), scale: 1.0 }
+            }),
         }
     }
 

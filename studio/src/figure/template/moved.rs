@@ -17,7 +17,7 @@ use serde_json::{Map, Value};
 
 use super::{Background, LookTemplate};
 
-/// Opacity of a ghost that nothing is said of.
+/// Opacity of a ghost that nothing is said of, unless its region has less.
 pub const GHOST_OPACITY: f64 = 0.15;
 /// The smallest and the largest scale.
 pub const SCALES: (f64, f64) = (0.01, 100.0);
@@ -37,7 +37,7 @@ pub struct MoveTemplate {
     /// Factor of its size, from the same center, 0.01 to 100.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub scale: f64,
-    /// How the place is drawn that it left. Default: as the region looks, with an opacity of 0.15.
+    /// How the place is drawn that it left. Default: as the region looks, with an opacity of at most 0.15.
     #[serde(default, skip_serializing_if = "LookTemplate::is_default")]
     pub ghost: LookTemplate,
     /// How it looks where it overlaps its own ghost. Default: both are seen.
@@ -126,7 +126,8 @@ impl MoveTemplate {
         }
         let matrix3 = self.rotation() * self.scale;
         let offset_mm = radius_mm * DVec3::from_array(self.offset);
-        DAffine3 { matrix3, translation: center_mm + offset_mm - matrix3 * center_mm }
+        // In this order, what is only pushed has the same pose whatever its center.
+        DAffine3 { matrix3, translation: offset_mm + (center_mm - matrix3 * center_mm) }
     }
 
     /// The same pose, with another center: what was painted to the region, or erased, does not move the rest of it.
@@ -142,7 +143,8 @@ impl MoveTemplate {
 
     /// How a ghost looks whose region (or structure of one) looks so: hidden with it, unless it says otherwise.
     pub fn ghost_of(&self, look: &LookTemplate) -> LookTemplate {
-        LookTemplate { opacity: Some(self.ghost.opacity.unwrap_or(GHOST_OPACITY)), ..self.ghost.or(look) }
+        let opacity = self.ghost.opacity.unwrap_or(look.opacity.unwrap_or(1.0).min(GHOST_OPACITY));
+        LookTemplate { opacity: Some(opacity), ..self.ghost.or(look) }
     }
 
     pub(super) fn check(&self, whose: &str) -> Result<()> {
@@ -356,6 +358,8 @@ mod tests {
         };
         let ghost = MoveTemplate::default().ghost_of(&look);
         assert_eq!((ghost.visible, ghost.opacity, ghost.style.as_deref()), (Some(false), Some(0.15), Some("wax")));
+        let faint = LookTemplate { opacity: Some(0.03), ..LookTemplate::default() };
+        assert_eq!(MoveTemplate::default().ghost_of(&faint).opacity, Some(0.03));
         let own = LookTemplate { visible: Some(true), opacity: Some(0.5), ..LookTemplate::default() };
         let moved = MoveTemplate { ghost: own, ..MoveTemplate::default() };
         assert_eq!((moved.ghost_of(&look).visible, moved.ghost_of(&look).opacity), (Some(true), Some(0.5)));

@@ -53,7 +53,7 @@ pub struct RegionTemplate {
     /// The structures of a group that look different.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub structures: Vec<StructureTemplate>,
-    /// Where all of it was moved to. Default: it is drawn where it lies.
+    /// Where it was moved to, a group as a whole. Default: it is drawn where it lies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moved: Option<MoveTemplate>,
     /// Fields of other versions, kept as they are.
@@ -69,6 +69,9 @@ pub struct StructureTemplate {
     /// What differs.
     #[serde(default, skip_serializing_if = "LookTemplate::is_default")]
     pub look: LookTemplate,
+    /// Where it was moved to by itself, in place of where its group was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moved: Option<MoveTemplate>,
     /// Fields of other versions, kept as they are.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
@@ -252,6 +255,26 @@ impl RegionTemplate {
         let Some(name) = structure else { return self.look.clone() };
         self.structures.iter().find(|s| s.structure == name).map_or_else(LookTemplate::default, |s| s.look.clone())
     }
+
+    /// Where the region itself was moved to or, by the name that the template gives it, a structure in it by itself.
+    pub fn own_move(&self, structure: Option<&str>) -> Option<&MoveTemplate> {
+        match structure {
+            None => self.moved.as_ref(),
+            Some(name) => self.structures.iter().find(|s| s.structure == name)?.moved.as_ref(),
+        }
+    }
+}
+
+impl StructureTemplate {
+    /// A structure of which nothing is said.
+    pub fn of(structure: &str) -> Self {
+        Self { structure: structure.to_owned(), look: LookTemplate::default(), moved: None, extra: Map::new() }
+    }
+
+    /// Whether it says nothing.
+    pub fn is_default(&self) -> bool {
+        self.look.is_default() && self.moved.is_none() && self.extra.is_empty()
+    }
 }
 
 /// Whether a structure has this name, code or number.
@@ -312,7 +335,9 @@ fn check_regions(template: &Template, object: &ObjectTemplate) -> Result<()> {
             moved.check(&format!("the region \"{title}\""))?;
         }
         for structure in &region.structures {
-            structure.look.check(&format!("the structure \"{}\"", structure.structure))?;
+            let whose = format!("the structure \"{}\"", structure.structure);
+            structure.look.check(&whose)?;
+            structure.moved.as_ref().map_or(Ok(()), |moved| moved.check(&whose))?;
         }
     }
     Ok(())
