@@ -16,6 +16,7 @@
 #import lib/skip
 #import lib/stretch
 #import {pose}
+#import {bodies}
 #import {seen}
 #import {sampling}
 #import {resume}
@@ -33,7 +34,6 @@ const MAX_LOOKS: u32 = 16u;
 // Software adapters end a shader's loops silently after 65 535 rounds, summed over the nest.
 const MAX_ROUNDS: u32 = 65000u;
 
-const MAX_BODIES: u32 = 16u;
 // What is farther than anything, mm.
 const NEVER: f32 = 3e38;
 

@@ -23,6 +23,8 @@ pub const MODULES: &[(&str, &str)] = modules![
     "bind/regions",
     "bind/resume",
     "bind/validity",
+    "lib/bodies_few",
+    "lib/bodies_many",
     "lib/composite",
     "lib/cut_face",
     "lib/face",
@@ -78,11 +80,16 @@ pub struct RaycastKey {
     pub cuts: bool,
     /// Some regions were moved, so that there are several bodies; never without `regions`, and always with `cuts`.
     pub bodies: bool,
+    /// More than [`FEW_BODIES`]; never without `bodies`.
+    pub many_bodies: bool,
     /// There are intersection transfer functions; never without `bodies`.
     pub meetings: bool,
-    /// The pass goes on where another one had to stop.
+    /// The pass goes on where another one had to stop; always with `bodies`, of which hardly any ray is done in one.
     pub resumed: bool,
 }
+
+/// Bodies that a pipeline takes which is not for many.
+pub const FEW_BODIES: usize = 4;
 
 impl std::fmt::Display for RaycastKey {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -95,6 +102,7 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.functions { " functions" } else { "" })?;
         f.write_str(if self.cuts { " cuts" } else { "" })?;
         f.write_str(if self.bodies { " bodies" } else { "" })?;
+        f.write_str(if self.many_bodies { " many" } else { "" })?;
         f.write_str(if self.meetings { " meetings" } else { "" })?;
         f.write_str(if self.resumed { " resumed" } else { "" })
     }
@@ -103,8 +111,9 @@ impl std::fmt::Display for RaycastKey {
 impl RaycastKey {
     /// Every key there is.
     pub fn all() -> impl Iterator<Item = Self> {
-        // No regions; regions with one function and several; the same with faces; with bodies; with meetings.
-        (0..9 * 48).map(|n| Self {
+        // No regions; regions with one function and several; the same with faces; with bodies; with meetings; with many bodies and
+        // with both.
+        let all = (0..13 * 48).map(|n| Self {
             filtered: n & 1 == 0,
             table_filtered: n & 2 == 0,
             no_data: n & 4 != 0,
@@ -115,8 +124,10 @@ impl RaycastKey {
             functions: (n / 48) % 2 == 0 && n >= 48,
             cuts: n >= 3 * 48,
             bodies: n >= 5 * 48,
-            meetings: n >= 7 * 48,
-        })
+            many_bodies: n >= 9 * 48,
+            meetings: (7 * 48..9 * 48).contains(&n) || n >= 11 * 48,
+        });
+        all.filter(|key| key.resumed || !key.bodies)
     }
 
     /// The WGSL text for this key.
@@ -133,6 +144,7 @@ impl RaycastKey {
             "seen" if self.functions => Some("lib/seen_regions"),
             "seen" => Some(if self.regions { "lib/seen_tints" } else { "lib/seen_one" }),
             "pose" => Some(if self.bodies { "lib/pose_moved" } else { "lib/pose_rest" }),
+            "bodies" => Some(if self.many_bodies { "lib/bodies_many" } else { "lib/bodies_few" }),
             "resume" => Some(if self.resumed { "bind/resume" } else { "lib/resume_none" }),
             _ => None,
         };

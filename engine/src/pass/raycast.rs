@@ -13,7 +13,7 @@ use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::error::{Error, Result, remedies};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::regions::ResidentRegions;
-use crate::gpu::shader_library::RaycastKey;
+use crate::gpu::shader_library::{FEW_BODIES, RaycastKey};
 use crate::gpu::upload::{ResidentVolume, extent, table_descriptor};
 use crate::scene::quality::{MAX_ROUNDS, PARTS};
 use crate::scene::{Camera, Object, Projection, Quality, Scene, StyleTransferFunction};
@@ -207,6 +207,8 @@ pub struct RaycastPass {
     frame_buffer: wgpu::Buffer,
     frame_group: wgpu::BindGroup,
     resume_layout: wgpu::BindGroupLayout,
+    /// What pipelines that go on have where there is nothing to go on from: a texel of nothing.
+    nothing: wgpu::TextureView,
     pipelines: HashMap<RaycastKey, Pipeline>,
     styles: Option<(Vec<Arc<StyleImage>>, wgpu::TextureView)>,
     looks: Vec<Look>,
@@ -242,6 +244,7 @@ struct Shared {
 
 /// What moved regions add: bindings 18 and 19 of `shaders/bind/bodies.wgsl`.
 struct MovedBodies {
+    count: usize,
     uniform: wgpu::Buffer,
     strengths: Option<wgpu::TextureView>,
 }
@@ -294,11 +297,14 @@ impl RaycastPass {
             layout: &frame_layout,
             entries: &[wgpu::BindGroupEntry { binding: 0, resource: frame_buffer.as_entire_binding() }],
         });
+        let one = wgpu::Extent3d { width: 1, height: 1, depth_or_array_layers: 1 };
+        let nothing = small_texture(context, "nothing", one, wgpu::TextureDimension::D2, TARGET_FORMAT, &[0; 16]);
         Self {
             frame_layout,
             frame_buffer,
             frame_group,
             resume_layout,
+            nothing: nothing.create_view(&Default::default()),
             pipelines: HashMap::new(),
             styles: None,
             looks: Vec::new(),
@@ -332,6 +338,7 @@ impl RaycastPass {
             functions: false,
             cuts: false,
             bodies: false,
+            many_bodies: false,
             meetings: false,
             resumed: false,
         };
@@ -350,6 +357,8 @@ impl RaycastPass {
                 functions: s.functions.is_some(),
                 cuts: s.cuts || s.bodies.is_some(),
                 bodies: s.bodies.is_some(),
+                many_bodies: s.bodies.as_ref().is_some_and(|b| b.count > FEW_BODIES),
+                resumed: s.bodies.is_some(),
                 meetings: s.bodies.as_ref().is_some_and(|b| b.strengths.is_some()),
                 ..key
             },
@@ -477,6 +486,7 @@ impl RaycastPass {
             let near = NearPlane::new(&scene.camera, bounding_sphere(object));
             let uniform = bodies_uniform(object, resident, &scene.camera, &near, looks.sections());
             MovedBodies {
+                count: object.bodies().len(),
                 uniform: uniform_buffer(context, "bodies", bytemuck::bytes_of(&uniform)),
                 strengths: strengths(context, object),
             }
@@ -535,15 +545,15 @@ impl RaycastPass {
             })],
             ..Default::default()
         });
-        let key = RaycastKey { resumed: gathered.is_some(), ..object.key };
+        let key = RaycastKey { resumed: gathered.is_some() || object.key.resumed, ..object.key };
         pass.set_pipeline(&self.pipelines[&key].pipeline);
         pass.set_bind_group(0, &self.frame_group, &[]);
         pass.set_bind_group(1, &object.bind_group, &[]);
-        if let Some(gathered) = gathered {
+        if key.resumed {
             let group = context.device.create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("resume"),
                 layout: &self.resume_layout,
-                entries: &[texture_entry(0, gathered)],
+                entries: &[texture_entry(0, gathered.unwrap_or(&self.nothing))],
             });
             pass.set_bind_group(2, &group, &[]);
         }
