@@ -59,7 +59,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 #else
     var spare = i32(MAX_ROUNDS) - i32(walked * (5u + 2u * PARTS));
 #end
-    let march = March(0u, first, stride, ray.world_direction, axes, frame.near_depth + span.x * ray.depth_per_mm,
+    let march = March(Pose(0u), first, stride, ray.world_direction, axes, frame.near_depth + span.x * ray.depth_per_mm,
         step * ray.depth_per_mm);
 
     var accumulated = resume(vec2u(position.xy));
@@ -136,7 +136,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         let num_parts = num_pieces(length_k * f32(PARTS));
 #end
 #if cuts
-        let cut = cut_face(first + piece_middle(k, steps) * stride, front, back, shows, 0u);
+        let cut = cut_face(first + piece_middle(k, steps) * stride, front, back, shows, march.pose);
 #else
         let cut = vec4f(0.0);
 #end
@@ -144,7 +144,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         var j = u32(met);
         loop {
             let place = part_boundary(j, length_k);
-            let next = edge_at(first + (f32(k) + place) * stride, 0u);
+            let next = edge_at(first + (f32(k) + place) * stride, march.pose);
             let before = part_boundary(max(j, 1u) - 1u, length_k);
             // At the front of the piece there is nothing yet to look at: one look at no length.
             let wanted = select(num_looks(edge.normal, next.normal), 1u, j == 0u);

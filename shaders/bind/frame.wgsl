@@ -26,7 +26,7 @@ struct Frame {
     // Size of the whole picture and the first pixel of this tile.
     image_size: vec2u,
     tile_origin: vec2u,
-    // First piece that this pass walks, and the first that it leaves to the next.
+    // First piece that this pass walks, and the first that it leaves to the next; among several bodies, in rounds of loops.
     pieces: vec2u,
     // Pixels of the picture from one pixel of this target to the next: above 1 for a sample of the picture.
     stride: vec2u,

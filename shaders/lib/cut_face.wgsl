@@ -11,7 +11,7 @@
 const SHARP_END: f32 = 0.25;
 
 // Outward normal in the world, and weight, at the middle p of a piece with these values at its ends.
-fn cut_face(p: vec3f, front: f32, back: f32, shows: u32, body: u32) -> vec4f {
+fn cut_face(p: vec3f, front: f32, back: f32, shows: u32, pose: Pose) -> vec4f {
     let list = list_at(p);
     // What the regions want of the place half a voxel before and behind it along each axis, and how much of that shows.
     var wanted_before = vec3f(0.0);
@@ -22,7 +22,7 @@ fn cut_face(p: vec3f, front: f32, back: f32, shows: u32, body: u32) -> vec4f {
     loop {
         let is_rest = i >= list.count;
         let entry = entry_of(list.first + i);
-        let opacity = shown_of(cut_look(select(entry.x, 0u, is_rest), body), front, back, shows);
+        let opacity = shown_of(cut_look(select(entry.x, 0u, is_rest), pose), front, back, shows);
         let before = select(memberships(entry.y, list.brick, p, -0.5), max(1.0 - wanted_before, vec3f(0.0)), is_rest);
         let behind = select(memberships(entry.y, list.brick, p, 0.5), max(1.0 - wanted_behind, vec3f(0.0)), is_rest);
         wanted_before += before;
@@ -37,7 +37,7 @@ fn cut_face(p: vec3f, front: f32, back: f32, shows: u32, body: u32) -> vec4f {
     let most = max(max(max(a.x, a.y), a.z), max(max(b.x, b.y), b.z));
     let change = b - a;
     let at_rest = regions.world_x * change.x + regions.world_y * change.y + regions.world_z * change.z;
-    let world = turned(at_rest, body);
+    let world = turned(at_rest, pose);
     let weight = smoothstep(0.0, SHARP_END, length(change) / max(most, 1e-30));
     return vec4f(-world / max(length(world), 1e-30), weight);
 }

@@ -4,13 +4,13 @@
 
 // Outward normal, in the world, of the faces near p, and how much they count: 1 on a face, 0 a voxel inside of all.
 // On an edge the faces' normals are mixed, so that nothing jumps there.
-fn face_normal(p: vec3f, body: u32) -> vec4f {
+fn face_normal(p: vec3f, pose: Pose) -> vec4f {
     let to_low = p + 0.5;
     let to_high = object.box_max - p;
     let weight = 1.0 - smoothstep(vec3f(0.5), vec3f(1.0), min(to_low, to_high));
     let outward = select(weight, -weight, to_low < to_high);
     let at_rest = object.face_x * outward.x + object.face_y * outward.y + object.face_z * outward.z;
-    let world = turned(at_rest, body);
+    let world = turned(at_rest, pose);
     return vec4f(world / max(length(world), 1e-30), max(weight.x, max(weight.y, weight.z)));
 }
 

@@ -1,24 +1,38 @@
 // How bodies lie in the world, and which looks they show (docs/rendering.md §9).
 #import bind/bodies
 
+// What a body has of its own where it is looked at: read once, as a software adapter reads uniforms number by number where their
+// place differs from pixel to pixel.
+struct Pose {
+    // Takes a normal of the volume at rest to the body's, but for its length.
+    normal: mat3x3f,
+    voxels: f32,
+    first_look: u32,
+    first_cut_look: u32,
+}
+
+fn pose_of(body: u32) -> Pose {
+    return Pose(mat3x3f(bodies.list[body].normal_x, bodies.list[body].normal_y, bodies.list[body].normal_z),
+        bodies.list[body].voxels, bodies.list[body].first_look, bodies.list[body].first_cut_look);
+}
+
 // A normal or gradient of the volume at rest, with its length, in a body.
-fn turned(direction: vec3f, body: u32) -> vec3f {
-    let b = bodies.list[body];
-    let there = b.normal_x * direction.x + b.normal_y * direction.y + b.normal_z * direction.z;
+fn turned(direction: vec3f, pose: Pose) -> vec3f {
+    let there = pose.normal * direction;
     return there * (length(direction) / max(length(there), 1e-30));
 }
 
 // The object's smallest spacing, over that of a body.
-fn voxels_of(body: u32) -> f32 {
-    return bodies.list[body].voxels;
+fn voxels_of(pose: Pose) -> f32 {
+    return pose.voxels;
 }
 
 // Position of a look as a body shows it.
-fn look_in(look: u32, body: u32) -> u32 {
-    return bodies.list[body].first_look + look;
+fn look_in(look: u32, pose: Pose) -> u32 {
+    return pose.first_look + look;
 }
 
 // Position of a look whose ends make faces in a body: a ghost that is a body of its own has those of all that rests.
-fn cut_look(look: u32, body: u32) -> u32 {
-    return bodies.list[body].first_cut_look + look;
+fn cut_look(look: u32, pose: Pose) -> u32 {
+    return pose.first_cut_look + look;
 }

@@ -1,17 +1,21 @@
-// Nothing was moved: there is one body, 0, where the volume lies.
+// Nothing was moved: there is one body, where the volume lies.
 
-fn turned(direction: vec3f, body: u32) -> vec3f {
+struct Pose {
+    body: u32,
+}
+
+fn turned(direction: vec3f, pose: Pose) -> vec3f {
     return direction;
 }
 
-fn voxels_of(body: u32) -> f32 {
+fn voxels_of(pose: Pose) -> f32 {
     return 1.0;
 }
 
-fn look_in(look: u32, body: u32) -> u32 {
+fn look_in(look: u32, pose: Pose) -> u32 {
     return look;
 }
 
-fn cut_look(look: u32, body: u32) -> u32 {
+fn cut_look(look: u32, pose: Pose) -> u32 {
     return look;
 }

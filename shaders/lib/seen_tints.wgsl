@@ -23,7 +23,7 @@ fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
     loop {
         let is_rest = i >= list.count;
         let entry = entry_of(list.first + i);
-        let look = look_texel(look_in(select(entry.x, 0u, is_rest), march.body), 0u);
+        let look = look_texel(look_in(select(entry.x, 0u, is_rest), march.pose), 0u);
         let f = select(membership(entry.y, list.brick, p), max(1.0 - wanted, 0.0), is_rest);
         wanted += select(f, 0.0, is_rest);
         let weight = f * (abs(look.w) - 1.0);

@@ -25,14 +25,14 @@ struct Edge {
     normal: vec3f,
 }
 
-fn edge_at(p: vec3f, body: u32) -> Edge {
+fn edge_at(p: vec3f, pose: Pose) -> Edge {
     let value = sample_volume(volume, volume_sampler, p, object.texel_scale);
 #if colors
     let gradient = gradient_at(p);
-    return Edge(value, gradient, surface_normal(turned(strongest_change(gradient), body), face_normal(p, body)));
+    return Edge(value, gradient, surface_normal(turned(strongest_change(gradient), pose), face_normal(p, pose)));
 #else
-    let gradient = turned(gradient_at(p), body);
-    return Edge(value, gradient, surface_normal(gradient, face_normal(p, body)));
+    let gradient = turned(gradient_at(p), pose);
+    return Edge(value, gradient, surface_normal(gradient, face_normal(p, pose)));
 #end
 }
 
@@ -49,7 +49,7 @@ struct Stretch {
 
 // What all stretches of a ray through a body have in common.
 struct March {
-    body: u32,
+    pose: Pose,
     // Index position of the first piece's front, and the change of a step.
     first: vec3f,
     stride: vec3f,
@@ -83,10 +83,10 @@ fn value_at(stretch: Stretch, w: f32) -> f32 {
 }
 
 // ĝ there.
-fn slope_at(stretch: Stretch, w: f32, body: u32) -> vec3f {
+fn slope_at(stretch: Stretch, w: f32, pose: Pose) -> vec3f {
     let within = (stretch.index + w) * stretch.share;
 #if colors
-    return turned(strongest_change(stretch.edge.gradient + within * (stretch.next.gradient - stretch.edge.gradient)), body);
+    return turned(strongest_change(stretch.edge.gradient + within * (stretch.next.gradient - stretch.edge.gradient)), pose);
 #else
     return mix(stretch.edge.gradient, stretch.next.gradient, within);
 #end
@@ -102,14 +102,14 @@ fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, 
     let w = piece.middle / max(piece.extinction, 1e-30);
     let steps = along(stretch, w);
     let p = march.first + steps * march.stride;
-    let level = style_level(march.depth + steps * march.depth_per_step, march.body);
+    let level = style_level(march.depth + steps * march.depth_per_step, march.pose);
     let node = piece.node / max(piece.extinction, 1e-30);
-    let slope = slope_at(stretch, w, march.body);
+    let slope = slope_at(stretch, w, march.pose);
 #if cuts
     let flatness = 1.0 - smoothstep(NO_MATERIAL_EDGE, MATERIAL_EDGE, length(slope));
-    let face = joined_faces(face_normal(p, march.body), vec4f(cut.xyz, cut.w * flatness));
+    let face = joined_faces(face_normal(p, march.pose), vec4f(cut.xyz, cut.w * flatness));
 #else
-    let face = face_normal(p, march.body);
+    let face = face_normal(p, march.pose);
 #end
     let style = shade(node, function.last_node, function.row, slope, face, march.direction, march.axes, level);
 #if colors

@@ -24,8 +24,8 @@ fn ray_frame(ray: vec3f) -> Axes {
 }
 
 // Mip level at an eye depth: a pixel that covers 2^l voxels reads level l.
-fn style_level(depth: f32, body: u32) -> f32 {
-    return log2(max(1.0, (frame.footprint + depth * frame.footprint_growth) * voxels_of(body)));
+fn style_level(depth: f32, pose: Pose) -> f32 {
+    return log2(max(1.0, (frame.footprint + depth * frame.footprint_growth) * voxels_of(pose)));
 }
 
 // Outward normal (towards lower values, or out of a face of the box), as long as there is a surface: 1 where there is

@@ -199,7 +199,7 @@ fn defects_of_moved_selections_are_noticed() {
         ("normals as at rest", |t| {
             replace(&t, "return there * (length(direction) / max(length(there), 1e-30));", "return direction;")
         }),
-        ("the looks of the rest", |t| replace(&t, "bodies.list[body].first_look + look", "look")),
+        ("the looks of the rest", |t| replace(&t, "pose.first_look + look", "look")),
         ("what is moved adds up", |t| replace(&t, "max(rest.a, most)", "rest.a + most")),
         ("what rests is a union", |t| replace(&t, "max(rest.a, most)", "max(0.7 * rest.a, most)")),
         ("meetings are not taken out", |t| {
@@ -219,12 +219,8 @@ fn defects_of_moved_selections_are_noticed() {
         ("stretches that begin where the last began", |t| {
             replace(&t, "frame.near_depth + begin * ray.depth_per_mm", "frame.near_depth")
         }),
-        ("steps of one body in another", |t| {
-            replace(
-                &t,
-                "firsts[i] = body_origin(i, ray.screen) + begin * direction;",
-                "firsts[i] = body_origin(i, ray.screen) + 1.02 * begin * direction;",
-            )
+        ("stretches that begin in the wrong place", |t| {
+            replace(&t, "origins[b] + begin * directions[b]", "origins[b] + 1.02 * begin * directions[b]")
         }),
     ];
     for (name, patch) in planted {
@@ -238,7 +234,7 @@ fn defects_of_moved_selections_are_noticed() {
             scene.objects[0].regions[1].look = Look { tint: Some([0.0, 1.0, 0.0]), ..Look::plain(dense) };
         }
         // Depth only says how blurred styles are.
-        if name.starts_with("stretches") {
+        if name.starts_with("stretches that begin where") {
             scene.camera =
                 phantom::camera(&lumpy(), DVec3::new(0.3, 1.0, 0.2), Projection::Perspective { fov_y_deg: 100.0 });
             scene.objects[0].transfer_function =
@@ -251,7 +247,7 @@ fn defects_of_moved_selections_are_noticed() {
     let look = function(&mut scene, &[(0.0, "engraving", 0.9)], 1.0);
     scene.objects[0].regions[1].look = Look::plain(look);
     scene.objects[0].regions[1].moved.as_mut().unwrap().pose = pose(DVec3::new(-4.0, 3.0, 1.0), DVec3::ZERO, 0.25);
-    notices(&scene, "styles as sharp as at rest", |t| replace(&t, "return bodies.list[body].voxels;", "return 1.0;"));
+    notices(&scene, "styles as sharp as at rest", |t| replace(&t, "return pose.voxels;", "return 1.0;"));
 }
 
 /// Rays that end late: when one does depends on the last digit of what it has gathered.

@@ -80,13 +80,24 @@ pub fn bounding_sphere(object: &Object) -> (DVec3, f64) {
     (center, corners.iter().map(|corner| corner.distance(center)).fold(0.0, f64::max))
 }
 
-/// Pieces of a ray, at most, through all bodies.
+/// Pieces of a ray, at most, through all bodies; one that lies in several counts for each of them.
 pub fn most_pieces(object: &Object, step_voxels: f64) -> u32 {
     let bodies = object.bodies();
-    let longest = |(low, high): (DVec3, DVec3)| (high - low).length() / step_voxels;
-    // A stretch between two boxes' faces has its pieces' lengths from the finest body in it, and one shorter piece.
-    let pieces: f64 = bodies.iter().map(|body| longest(body.index_box(object))).sum();
-    (pieces.ceil() + 1.0) as u32 + 2 * bodies.len() as u32
+    let sizes: Vec<(f64, f64)> = bodies
+        .iter()
+        .zip(rests_from_world(object))
+        .map(|(body, rest)| {
+            let (low, high) = body.index_box(object);
+            ((high - low).length() / step_voxels, spacing_of(&object.volume.grid, &rest).min_element())
+        })
+        .collect();
+    let own: f64 = sizes.iter().map(|(pieces, _)| pieces).sum();
+    // Where a finer body is, its pieces are everyone's.
+    let finer = |mm: f64| sizes.iter().filter(move |(_, other)| *other < mm).map(|(pieces, _)| pieces).sum::<f64>();
+    let shared: f64 = sizes.iter().map(|(_, mm)| finer(*mm)).sum();
+    // And each stretch between two boxes' faces has a shorter piece.
+    let ends = if bodies.len() > 1 { 2 * bodies.len() * bodies.len() } else { 0 };
+    (own + shared).ceil() as u32 + 1 + ends as u32
 }
 
 /// `sections`: of each body its first brick, the one behind its last, and where its first is in the skip map.

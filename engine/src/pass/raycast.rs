@@ -190,8 +190,8 @@ pub struct RaycastObject {
     near: NearPlane,
     /// Passes that its longest ray needs, one after the other.
     pub num_passes: u32,
-    /// Pieces of a ray that a pass walks.
-    pieces_per_pass: u32,
+    /// Pieces of a ray that a pass walks; among several bodies, rounds of loops.
+    units_per_pass: u32,
 }
 
 #[derive(Debug)]
@@ -223,8 +223,10 @@ struct Bound {
     node_layers: wgpu::TextureView,
     /// With regions only.
     shared: Option<Shared>,
-    /// Pieces of a ray that a pass may walk.
-    pieces_per_pass: u32,
+    /// What a pass may walk of a ray: pieces or, among several bodies, rounds of loops.
+    units_per_pass: u32,
+    /// How many of these a piece takes of a body.
+    units_per_piece: u32,
 }
 
 /// What regions add.
@@ -369,7 +371,7 @@ impl RaycastPass {
             ..Default::default()
         });
         let num_pieces = most_pieces(object, scene.quality.step_voxels);
-        let num_passes = num_pieces.div_ceil(bound.pieces_per_pass);
+        let num_passes = (num_pieces * bound.units_per_piece).div_ceil(bound.units_per_pass);
         if num_passes > 1 {
             self.pipeline(context, RaycastKey { resumed: true, ..key })?;
         }
@@ -405,7 +407,7 @@ impl RaycastPass {
             entries: &entries,
         });
         let near = NearPlane::new(&scene.camera, bounding_sphere(object));
-        Ok(RaycastObject { key, bind_group, grid, near, num_passes, pieces_per_pass: bound.pieces_per_pass })
+        Ok(RaycastObject { key, bind_group, grid, near, num_passes, units_per_pass: bound.units_per_pass })
     }
 
     /// What an object without regions is drawn with.
@@ -434,7 +436,8 @@ impl RaycastPass {
             transfer_function,
             node_layers: node_layers.create_view(&Default::default()),
             shared: None,
-            pieces_per_pass: Quality::pieces_per_pass(),
+            units_per_pass: Quality::pieces_per_pass(),
+            units_per_piece: 1,
         }
     }
 
@@ -491,13 +494,14 @@ impl RaycastPass {
                 cuts: looks.cuts,
                 bodies,
             }),
-            pieces_per_pass: (MAX_ROUNDS / 2 / rounds_per_piece).max(1),
+            units_per_pass: if has_moved { MAX_ROUNDS / 4 * 3 } else { (MAX_ROUNDS / 2 / rounds_per_piece).max(1) },
+            units_per_piece: if has_moved { rounds_per_piece } else { 1 },
         })
     }
 
     /// The frame uniform for an object, before it is narrowed to a tile.
     pub fn frame(&self, scene: &Scene, object: &RaycastObject, image_size: [u32; 2]) -> FrameUniform {
-        let pieces = [0, object.pieces_per_pass];
+        let pieces = [0, object.units_per_pass];
         FrameUniform {
             pieces,
             ..FrameUniform::new(&scene.camera, &object.grid, &object.near, &scene.quality, image_size)

@@ -338,9 +338,9 @@ impl RegionLooks {
             // Those of the march, of the layers that are asked whether they show the piece, and of each part.
             return [6 + own, look];
         }
-        // Each body by itself; before that the loops over all of them, which are gone through up to three times until it is known
-        // what shows: leaps, values, and what is taken over.
-        [24 + num_bodies * (16 + own), look]
+        // For each body in a piece: before what is its own, the loops over all of them, which are gone through up to three times until
+        // it is known what shows: stretches, leaps, values, and what is taken over.
+        [48 + own, look]
     }
 }
 

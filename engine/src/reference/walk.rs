@@ -350,8 +350,8 @@ pub fn march_pieces(
                     [alone] => {
                         for look in alone.looks(a, b, largest_turn) {
                             add(&mut result, look.color, look.alpha, look.weight * lengths);
-                            // A ray among bodies ends with a part.
-                            if object.bodies.len() == 1 && ends(&mut result, quality.termination) {
+                            // Where several bodies are, a ray ends with a part.
+                            if interval.bodies.len() == 1 && ends(&mut result, quality.termination) {
                                 return result;
                             }
                         }
