@@ -16,6 +16,7 @@ use fabrica_engine::slice::anatomical::{Convention, Orientation};
 use fabrica_studio::editor::slices::SliceViews;
 use fabrica_studio::editor::{Editor, Options, UiCommand};
 use fabrica_studio::figure::Template;
+use fabrica_studio::figure::template::MoveTemplate;
 use glam::DVec3;
 
 const FIGURE: &str = r##"{
@@ -1845,4 +1846,181 @@ fn a_dropped_label_map_can_be_selections() {
     settle(&mut harness);
     assert!(editor(&harness).banner().is_some_and(|b| b.contains("elsewhere")), "{:?}", editor(&harness).banner());
     assert_eq!(labels(&harness).len(), 2);
+}
+
+fn moved(harness: &Window) -> Option<MoveTemplate> {
+    figure(harness).objects[0].regions[0].moved.clone()
+}
+
+#[test]
+fn handles_move_turn_and_scale_what_is_chosen() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    harness.key_press(Key::B);
+    harness.step();
+    drag(&mut harness, PointerButton::Primary, Vec2::new(30.0, 10.0), true);
+    settle_tools(&mut harness);
+    let handle = "Move superior or inferior";
+    // The handles are those of the tool that asks.
+    assert!(harness.query_by_label(handle).is_none());
+    harness.key_press(Key::V);
+    harness.step();
+    harness.step();
+    settle(&mut harness);
+    let first = figure(&harness);
+    assert!(editor(&harness).disabled(UiCommand::PutBack).is_some());
+    for name in [
+        handle,
+        "Move right or left",
+        "Move in the picture's plane",
+        "Turn about the axis anterior",
+        "Scale about its middle",
+    ] {
+        let size = harness.query_all_by_label(name).last().unwrap_or_else(|| panic!("{name}")).rect().size();
+        assert!(size.min_elem() >= 24.0, "{name}: {size}");
+    }
+    assert!(harness.unnamed_widgets().is_empty(), "{:?}", harness.unnamed_widgets());
+    // Given up, nothing was moved, and the hand that still drags moves nothing.
+    let (at, up) = (middle(&harness, handle), Vec2::new(0.0, -60.0));
+    drag_between(&mut harness, PointerButton::Primary, Modifiers::NONE, at, at + up, false);
+    assert!(moved(&harness).is_some_and(|m| m.offset[2] > 0.0 && m.offset[0] == 0.0 && m.offset[1] == 0.0));
+    assert_eq!(figure(&harness).camera, first.camera);
+    harness.key_press(Key::Escape);
+    harness.step();
+    harness.event(Event::PointerMoved(at + 2.0 * up));
+    harness.step();
+    assert_eq!(figure(&harness), first);
+    let release =
+        |pos| Event::PointerButton { pos, button: PointerButton::Primary, pressed: false, modifiers: Modifiers::NONE };
+    harness.event(release(at + 2.0 * up));
+    harness.step();
+    harness.step();
+    // A drag is a step with its length; with Ctrl in whole millimeters, with Shift a tenth as far.
+    let num_steps = labels(&harness).len();
+    let drag_handle = |harness: &mut Window, name: &str, modifiers: Modifiers, by: Vec2| {
+        let at = middle(harness, name);
+        drag_between(harness, PointerButton::Primary, modifiers, at, at + by, true);
+        labels(harness).last().cloned().unwrap()
+    };
+    let length = |label: &str| -> f64 {
+        let text = label.strip_prefix("Move Selection 1 ").unwrap_or_else(|| panic!("{label}"));
+        text.strip_suffix(" mm").unwrap().parse().unwrap()
+    };
+    let whole = length(&drag_handle(&mut harness, handle, Modifiers::NONE, up));
+    assert!(whole > 1.0 && labels(&harness).len() == num_steps + 1, "{:?}", labels(&harness));
+    let offset = moved(&harness).unwrap().offset;
+    run(&mut harness, UiCommand::Undo);
+    assert_eq!(figure(&harness), first);
+    let fine = length(&drag_handle(&mut harness, handle, Modifiers::SHIFT, up));
+    assert!((fine - 0.1 * whole).abs() < 0.1, "{fine} of {whole}");
+    run(&mut harness, UiCommand::Undo);
+    let snapped = length(&drag_handle(&mut harness, handle, Modifiers::COMMAND, up));
+    assert!((snapped - whole.round()).abs() < 1e-9, "{snapped} of {whole}");
+    let snapped_offset = moved(&harness).unwrap().offset[2];
+    assert!((snapped_offset / offset[2] - snapped / whole).abs() < 0.05);
+    // Seen from the front, what is dragged to the right goes to the left of the body.
+    drag_handle(&mut harness, "Move in the picture's plane", Modifiers::NONE, Vec2::new(25.0, 0.0));
+    assert!(moved(&harness).unwrap().offset[0] < 0.0);
+    // A shaft is held as well as its end, and a click on it asks nothing.
+    let (a, b) = (middle(&harness, handle), middle(&harness, "Move in the picture's plane"));
+    let before = moved(&harness).unwrap().offset[2];
+    drag_from(&mut harness, a + 0.5 * (b - a), a + 0.5 * (b - a) + Vec2::new(0.0, 30.0));
+    assert!(moved(&harness).unwrap().offset[2] < before);
+    let (a, b) = (middle(&harness, handle), middle(&harness, "Move in the picture's plane"));
+    click(&mut harness, a + 0.5 * (b - a));
+    assert!(harness.query_by_label("New node here").is_none());
+    let out = middle(&harness, "Turn about the axis anterior") - middle(&harness, "Move in the picture's plane");
+    let label = drag_handle(&mut harness, "Turn about the axis anterior", Modifiers::COMMAND, 0.6 * out.rot90());
+    let turn = moved(&harness).unwrap().turn;
+    assert!(
+        label.starts_with("Turn Selection 1 ") && turn[1] != 0.0 && turn[0].abs() + turn[2].abs() < 1e-9,
+        "{label}"
+    );
+    assert!((turn[1] / 15.0 - (turn[1] / 15.0).round()).abs() < 1e-9, "{turn:?}");
+    drag_handle(&mut harness, "Scale about its middle", Modifiers::NONE, Vec2::new(30.0, -30.0));
+    assert!(moved(&harness).unwrap().scale > 1.2);
+    // By keys.
+    let before = moved(&harness).unwrap().turn;
+    harness.query_all_by_label("Turn about the axis anterior").last().unwrap().focus();
+    harness.step();
+    harness.key_press(Key::ArrowRight);
+    harness.step();
+    harness.step();
+    assert!((moved(&harness).unwrap().turn[1] - before[1] - 5.0).abs() < 1e-6);
+    settle(&mut harness);
+    run(&mut harness, UiCommand::PutBack);
+    assert!(moved(&harness).is_none() && figure(&harness) == first);
+    assert_eq!(labels(&harness).last().unwrap(), "Put Selection 1 back");
+    undo_all(&mut harness);
+    assert!(figure(&harness).objects[0].regions.is_empty());
+}
+
+#[test]
+fn where_structures_were_moved_to_is_typed_and_what_they_meet_is_painted() {
+    let place = Place::with_ball();
+    let mut harness = opened_with_ribs(&place);
+    let at = row_of(&harness, "rib 2");
+    click(&mut harness, at);
+    click_with(&mut harness, Modifiers::COMMAND, "rib 3");
+    // Lists scroll and unfold in their time.
+    let steps = |harness: &mut Window| (0..40).for_each(|_| harness.step());
+    let structure = |harness: &Window, name: &str| {
+        figure(harness).objects[0].regions[0].own_move(Some(name)).cloned().unwrap_or_default()
+    };
+    let type_into = |harness: &mut Window, field: &str, text: &str| {
+        let node = harness.query_all_by_label(field).last().unwrap_or_else(|| panic!("nothing is called {field}"));
+        node.scroll_to_me();
+        steps(harness);
+        click_on(harness, field);
+        enter(harness, text);
+    };
+    type_into(&mut harness, "Superior", "6 mm");
+    let (a, b) = (structure(&harness, "rib 2"), structure(&harness, "rib 3"));
+    assert!(a.offset[2] > 0.1 && a == b, "{a:?} {b:?}");
+    assert_eq!(labels(&harness).last().unwrap(), "Move 2 structures to 6.0 mm superior");
+    // Turned together, they stay beside each other: another offset for each.
+    type_into(&mut harness, "Turn, superior", "90");
+    let (a, b) = (structure(&harness, "rib 2"), structure(&harness, "rib 3"));
+    assert!((a.turn[2] - 90.0).abs() < 1e-9 && (b.turn[2] - 90.0).abs() < 1e-9, "{a:?} {b:?}");
+    assert!((a.offset[0] - b.offset[0]).abs() > 1e-3 && (a.offset[1] - b.offset[1]).abs() > 1e-3, "{a:?} {b:?}");
+    assert!(figure(&harness).objects[0].regions[0].moved.is_none());
+    type_into(&mut harness, "Scale", "0");
+    assert_eq!(structure(&harness, "rib 2").scale, 0.01);
+    run(&mut harness, UiCommand::Undo);
+    // Its ghost and what it meets.
+    type_into(&mut harness, "Ghost opacity", "40");
+    assert_eq!(structure(&harness, "rib 3").ghost.opacity, Some(0.4));
+    let press = |harness: &mut Window, name: &str| {
+        harness.query_all_by_label(name).last().unwrap_or_else(|| panic!("nothing is called {name}")).scroll_to_me();
+        steps(harness);
+        click_on(harness, name);
+        harness.step();
+    };
+    press(&mut harness, "Color where it meets its ghost");
+    assert!(structure(&harness, "rib 2").meets_ghost.is_some() && structure(&harness, "rib 3").meets_ghost.is_some());
+    press(&mut harness, "By the values that meet");
+    let square = "Color where it meets its ghost: strength by values, mean in %";
+    steps(&mut harness);
+    harness.query_by_label(square).unwrap().scroll_to_me();
+    steps(&mut harness);
+    let (at, steps) = (middle(&harness, square), labels(&harness).len());
+    drag_from(&mut harness, at, at + Vec2::new(20.0, 10.0));
+    let cells = |harness: &Window| {
+        let strength = structure(harness, "rib 2").meets_ghost.unwrap().strength;
+        strength.map(|s| s.0.cells().iter().map(|c| u32::from(*c)).sum::<u32>())
+    };
+    let painted = cells(&harness).unwrap();
+    assert!(painted > 0 && labels(&harness).len() == steps + 1, "{painted} {:?}", labels(&harness));
+    let to = at + Vec2::new(8.0, 4.0);
+    drag_between(&mut harness, PointerButton::Secondary, Modifiers::NONE, at, to, true);
+    assert!(cells(&harness).unwrap() < painted);
+    assert!(harness.unnamed_widgets().is_empty(), "{:?}", harness.unnamed_widgets());
+    press(&mut harness, "Reset strength");
+    assert!(cells(&harness).is_none());
+    press(&mut harness, "Put back");
+    let kept = structure(&harness, "rib 2");
+    assert!(!kept.is_moved() && kept.ghost.opacity == Some(0.4) && kept.meets_ghost.is_some());
+    settle(&mut harness);
+    assert_eq!(editor(&harness).banner(), None);
+    undo_all(&mut harness);
 }

@@ -45,7 +45,7 @@ impl Handle {
             Self::Ring(0) => "Turn about the axis right",
             Self::Ring(1) => "Turn about the axis anterior",
             Self::Ring(_) => "Turn about the axis superior",
-            Self::Scale => "Scale",
+            Self::Scale => "Scale about its middle",
         }
     }
 }
