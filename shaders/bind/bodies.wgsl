@@ -37,7 +37,8 @@ struct Body {
     pad8: u32,
     to_map: vec3i,
     pad9: u32,
-    // How it looks where it meets its ghost, and the background: a color, and 1 if it has one.
+    // How it looks where it meets its ghost, and the background: a color, and 1 + opacity, −1 if that is the denser one's, 0 if there
+    // is nothing special.
     with_ghost: vec4f,
     with_background: vec4f,
 }

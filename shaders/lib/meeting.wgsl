@@ -96,13 +96,14 @@ fn what_meets(met: Meeting) -> vec4f {
 #if meetings
 // Opacity of the place where a moved body meets what rests (eqs. 2.6, 2.7); `which`: 0 its ghost, 1 the background.
 fn meeting_alpha(rest: Shown, moved: Shown, body: u32, which: u32) -> f32 {
-    let is_special = select(bodies.list[body].with_ghost.a, bodies.list[body].with_background.a, which == 1u);
+    let kind = select(bodies.list[body].with_ghost.a, bodies.list[body].with_background.a, which == 1u);
     // Opacities of looks, as if the place were all theirs.
     let denser = max(rest.alpha / max(rest.share, 1e-6), moved.alpha / max(moved.share, 1e-6));
     let uv = (vec2f(rest.value, moved.value) - bodies.lowest_value) * bodies.value_scale;
     let strength = textureSampleLevel(strengths, style_sampler, uv, 2u * body + which, 0.0).x;
-    let special = min(min(rest.share, moved.share), strength * min(denser, 1.0));
-    return is_special * special * smoothstep(0.0, 1e-3, min(rest.alpha, moved.alpha));
+    let opacity = select(kind - 1.0, min(denser, 1.0), kind < 0.0);
+    let special = min(min(rest.share, moved.share), strength * opacity);
+    return select(special * smoothstep(0.0, 1e-3, min(rest.alpha, moved.alpha)), 0.0, kind == 0.0);
 }
 
 // The color of a meeting under the light of both that meet.

@@ -52,8 +52,12 @@ fn move_last(scene: &mut Scene, pose: DAffine3, ghost: &[(f64, &str, f64)], meet
 fn meetings() -> Meetings {
     let cells = (0..STRENGTH_SIZE * STRENGTH_SIZE).map(|i| (i % STRENGTH_SIZE * 4) as u8);
     Meetings {
-        ghost: Some(Meeting { color: [0.1, 0.3, 1.0], strength: None }),
-        background: Some(Meeting { color: [1.0, 0.8, 0.1], strength: Strength::new(cells.collect()).map(Arc::new) }),
+        ghost: Some(Meeting { color: [0.1, 0.3, 1.0], opacity: Some(0.7), strength: None }),
+        background: Some(Meeting {
+            color: [1.0, 0.8, 0.1],
+            opacity: None,
+            strength: Strength::new(cells.collect()).map(Arc::new),
+        }),
     }
 }
 
@@ -195,7 +199,7 @@ fn defects_of_moved_selections_are_noticed() {
     // A ghost to meet with.
     let ghost = Look::plain(function(&mut scene, BODY, 1.0));
     scene.objects[0].regions[1].moved.as_mut().unwrap().ghost = ghost;
-    let planted: [(&str, ShaderPatch); 12] = [
+    let planted: [(&str, ShaderPatch); 13] = [
         ("normals as at rest", |t| {
             replace(&t, "return there * (length(direction) / max(length(there), 1e-30));", "return direction;")
         }),
@@ -208,9 +212,12 @@ fn defects_of_moved_selections_are_noticed() {
         ("the background stays where it meets", |t| {
             replace(&t, "min(met.background.alpha, 1.0 - with_background)", "met.background.alpha")
         }),
-        ("one strength everywhere", |t| replace(&t, "strength * min(denser, 1.0)", "min(denser, 1.0)")),
+        ("one strength everywhere", |t| replace(&t, "strength * opacity", "opacity")),
         ("the strength's axes exchanged", |t| {
             replace(&t, "vec2f(rest.value, moved.value)", "vec2f(moved.value, rest.value)")
+        }),
+        ("the opacity of the denser", |t| {
+            replace(&t, "select(kind - 1.0, min(denser, 1.0), kind < 0.0)", "min(denser, 1.0)")
         }),
         ("the color of the other meeting", |t| {
             replace(&t, "bodies.list[met.strongest].with_ghost)", "bodies.list[met.strongest].with_background)")

@@ -125,8 +125,12 @@ pub fn bodies_uniform(
                 normal * (1.0 / normal.to_cols_array().into_iter().fold(f64::MIN_POSITIVE, |a, b| a.max(b.abs())));
             let (low, high) = body.index_box(object);
             let first_look = i as u32 * num_looks;
-            let color =
-                |meeting: Option<&Meeting>| meeting.map_or([0.0; 4], |m| [m.color[0], m.color[1], m.color[2], 1.0]);
+            let color = |meeting: Option<&Meeting>| {
+                meeting.map_or([0.0; 4], |m| {
+                    let [r, g, b] = m.color;
+                    [r, g, b, m.opacity.map_or(-1.0, |opacity| 1.0 + opacity as f32)]
+                })
+            };
             let meetings = match body.role {
                 Role::Moved(moved) => [moved.meetings.ghost.as_ref(), moved.meetings.background.as_ref()].map(color),
                 Role::Rest | Role::Ghost => [[0.0; 4]; 2],

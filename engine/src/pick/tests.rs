@@ -358,7 +358,7 @@ fn what_was_moved_is_met_where_it_is_drawn_and_its_ghost_where_it_was() {
         (about(DAffine3::from_scale(DVec3::splat(0.5))), 17.75),
         (about(DAffine3::from_rotation_z(std::f64::consts::PI)), 7.5),
     ] {
-        for meets in [None, Some(Meeting { color: [1.0, 0.0, 0.0], strength: None })] {
+        for meets in [None, Some(Meeting { color: [1.0, 0.0, 0.0], opacity: None, strength: None })] {
             let mut scene = drawn.clone();
             let mut plate = moved(plate(&drawn, opaque()), pose, 0.0);
             plate.moved.as_mut().unwrap().meetings.background = meets.clone();

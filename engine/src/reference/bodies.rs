@@ -187,7 +187,8 @@ fn meets(meeting: &Meeting, rest: &Shown, moved: &Shown) -> f64 {
         (cell(i, j) * (1.0 - u) + cell(i + 1, j) * u) * (1.0 - v)
             + (cell(i, j + 1) * (1.0 - u) + cell(i + 1, j + 1) * u) * v
     });
-    let membership = rest.share.min(moved.share).min(strength * of_look(rest).max(of_look(moved)).min(1.0));
+    let opacity = meeting.opacity.unwrap_or_else(|| of_look(rest).max(of_look(moved)).min(1.0));
+    let membership = rest.share.min(moved.share).min(strength * opacity);
     let x = (rest.alpha.min(moved.alpha) / 1e-3).clamp(0.0, 1.0);
     membership * x * x * (3.0 - 2.0 * x)
 }

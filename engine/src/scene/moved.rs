@@ -30,13 +30,14 @@ pub struct Meetings {
     pub background: Option<Meeting>,
 }
 
-/// An intersection transfer function, derived from the looks of those who meet: as opaque as the more opaque one of them, times a
-/// strength that the two values choose, in one color under the light of their styles.
+/// An intersection transfer function, in one color under the light of the styles of those who meet.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Meeting {
     /// Linear RGB, 0 to 1.
     pub color: [f32; 3],
-    /// None: 1 everywhere.
+    /// Opacity of a reference length of the object, 0 to 1; none: as opaque as the more opaque one of those who meet.
+    pub opacity: Option<f64>,
+    /// Factor of that, by the two values that meet. None: 1 everywhere.
     pub strength: Option<Arc<Strength>>,
 }
 
@@ -181,6 +182,10 @@ pub(super) fn validate(object: &Object) -> Result<()> {
         let strengths = [&moved.meetings.ghost, &moved.meetings.background];
         if strengths.into_iter().flatten().any(|m| m.color.iter().any(|c| !(0.0..=1.0).contains(c))) {
             return fail("meets others in a color that is none".to_owned(), "choose colors from 0 to 1");
+        }
+        let mut opacities = strengths.into_iter().flatten().filter_map(|m| m.opacity);
+        if let Some(opacity) = opacities.find(|opacity| !(0.0..=1.0).contains(opacity)) {
+            return fail(format!("meets others with an opacity of {opacity}"), "choose one from 0 to 1");
         }
     }
     let num_bodies = object.bodies().len();

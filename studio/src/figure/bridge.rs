@@ -255,6 +255,7 @@ impl Making<'_> {
 fn meetings(moved: &MoveTemplate) -> Meetings {
     let meeting = |meeting: &MeetingTemplate| Meeting {
         color: meeting.color.0.map(linear_from_srgb8),
+        opacity: meeting.opacity,
         strength: meeting.strength.as_ref().map(|strength| strength.0.clone()),
     };
     Meetings {

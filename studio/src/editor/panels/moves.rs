@@ -141,6 +141,17 @@ fn meeting(ui: &mut Ui, open: &mut OpenFigure, movable: &Movable, title: &str, o
             if response.changed() {
                 open.edit(set(Some(MeetingTemplate { color: MeetingColor(color), ..meeting.clone() })));
             }
+            let mut is_own = meeting.opacity.is_some();
+            let tooltip = "An opacity of its own; without, that of the denser of the two";
+            if ui.checkbox(&mut is_own, "Opacity").on_hover_text(tooltip).changed() {
+                open.edit(set(Some(MeetingTemplate { opacity: is_own.then_some(1.0), ..meeting.clone() })));
+            }
+            if let Some(mut opacity) = meeting.opacity {
+                let slider = egui::DragValue::new(&mut opacity).range(0.0..=1.0).speed(0.01).max_decimals(2);
+                if ui.add(slider).accessible_name(format!("{title}: opacity")).changed() {
+                    open.edit(set(Some(MeetingTemplate { opacity: Some(opacity), ..meeting.clone() })));
+                }
+            }
         }
     });
     if let Some(meeting) = found {

@@ -56,6 +56,9 @@ pub struct MoveTemplate {
 pub struct MeetingTemplate {
     /// An sRGB color.
     pub color: MeetingColor,
+    /// Opacity, 0 to 1, of a reference length. Default: as opaque as the more opaque one of those who meet.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub opacity: Option<f64>,
     /// How much of the color shows, by the two values that meet. Default: all of it for any two.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strength: Option<MeetingStrength>,
@@ -157,6 +160,10 @@ impl MoveTemplate {
         if !(SCALES.0..=SCALES.1).contains(&self.scale) {
             bail!("{whose} is scaled by {}; give a factor from {} to {}", self.scale, SCALES.0, SCALES.1);
         }
+        let meetings = self.meets_ghost.iter().chain(&self.meets_background);
+        if let Some(opacity) = meetings.filter_map(|m| m.opacity).find(|o| !(0.0..=1.0).contains(o)) {
+            bail!("{whose} meets others with opacity {opacity}; opacities go from 0 to 1");
+        }
         self.ghost.check(&format!("the ghost of {whose}"))
     }
 }
@@ -164,7 +171,7 @@ impl MoveTemplate {
 impl MeetingTemplate {
     /// Of a color, for any two values.
     pub fn new(color: [u8; 3]) -> Self {
-        Self { color: MeetingColor(color), strength: None, extra: Map::new() }
+        Self { color: MeetingColor(color), opacity: None, strength: None, extra: Map::new() }
     }
 }
 
