@@ -40,6 +40,8 @@ pub struct Gizmo {
     shape: Option<Shape>,
     /// What is under the pointer.
     over: Option<Handle>,
+    /// The box around what is held, while the picture is not there yet: its edges as they are seen.
+    edges: Vec<[Pos2; 2]>,
     /// Where the focus is.
     focused: Option<Pos2>,
 }
@@ -127,7 +129,7 @@ impl Gizmo {
 
     /// Nothing is held any more.
     pub fn forget(&mut self) {
-        (self.drag, self.shape, self.over) = (None, None, None);
+        *self = Self::default();
     }
 
     /// What the hand can do, while there is something to do with it.
@@ -183,6 +185,11 @@ impl Gizmo {
             self.drag = Some(Drag { handle, start, sight, from, last, at, turned_deg, text });
         }
         self.drag_on(ui, open);
+        let held = self.drag.as_ref().and_then(|drag| Some((&drag.sight, Movable::chosen(open)?)));
+        self.edges = held.map_or_else(Vec::new, |(sight, now)| {
+            let seen = |[a, b]: [DVec3; 2]| Some([sight.seen(a)?, sight.seen(b)?]);
+            now.edges_mm(open).into_iter().filter_map(seen).collect()
+        });
         if self.drag.is_some() || self.over.is_some() {
             let icon = if self.drag.is_some() { CursorIcon::Grabbing } else { CursorIcon::Grab };
             ui.ctx().set_cursor_icon(icon);
@@ -214,6 +221,10 @@ impl Gizmo {
         // While one is held, the others are not in the way.
         let is_shown = |handle: Handle| held.is_none_or(|held| held == handle || handle == Handle::Center);
         for is_white in [true, false] {
+            let line = if is_white { Stroke::new(2.5, Color32::WHITE) } else { Stroke::new(1.0, theme::GIZMO) };
+            for ends in &self.edges {
+                painter.line_segment(*ends, line);
+            }
             let stroke = |width: f32, handle: Handle| {
                 let width = if is_lit(handle) { width + 1.5 } else { width };
                 if is_white { Stroke::new(width + 2.0, Color32::WHITE) } else { Stroke::new(width, theme::GIZMO) }

@@ -77,6 +77,21 @@ impl Movable {
         (!parts.is_empty()).then_some(Self { object, region: chosen.region, title, parts, radius_mm, pivot_mm })
     }
 
+    /// The edges of the boxes around the parts, where they are: world, mm.
+    pub fn edges_mm(&self, open: &OpenFigure) -> Vec<[DVec3; 2]> {
+        let mut edges = Vec::new();
+        for part in &self.parts {
+            let chosen = Chosen { region: self.region, structure: part.structure.clone() };
+            let Some(corners) = open.corners_mm(self.object, &chosen) else { continue };
+            let pose = part.moved.pose(part.center_mm, self.radius_mm);
+            let corners = corners.map(|corner| pose.transform_point3(corner));
+            for (i, bit) in (0..8).flat_map(|i| [1, 2, 4].map(|bit| (i, bit))).filter(|(i, bit)| i & bit == 0) {
+                edges.push([corners[i], corners[i | bit]]);
+            }
+        }
+        edges
+    }
+
     /// Where the first part is.
     pub fn moved(&self) -> &MoveTemplate {
         &self.parts[0].moved

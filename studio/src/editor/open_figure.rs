@@ -340,6 +340,15 @@ impl OpenFigure {
         Some(bridge::center_mm(region, structures, part.structure.as_deref(), grid))
     }
 
+    /// The corners, at rest, of the box whose middle that is.
+    pub fn corners_mm(&self, object: usize, part: &Chosen) -> Option<[DVec3; 8]> {
+        let object = self.document.figure().objects.get(object)?;
+        let region = object.regions.get(part.region)?;
+        let structures = &self.structures_of(region)?.structures;
+        let grid = &self.volume_named(&object.volume)?.grid;
+        Some(bridge::corners_mm(region, structures, part.structure.as_deref(), grid))
+    }
+
     /// The parts of a slot that are moved by themselves, by their objects, with what they turn about.
     fn moved_of(&self, slot: &str) -> Vec<(usize, Chosen, DVec3)> {
         let mut found = Vec::new();

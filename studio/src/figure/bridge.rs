@@ -267,6 +267,29 @@ fn meetings(moved: &MoveTemplate) -> Meetings {
 /// What a region turns about or, by the name that the template gives it, a structure of it, world mm: the middle of the box around all
 /// of its voxels; of the grid, where it has none.
 pub fn center_mm(template: &RegionTemplate, structures: &[Structure], structure: Option<&str>, grid: &Grid) -> DVec3 {
+    let (low, high) = index_box(template, structures, structure, grid);
+    grid.world_from_index().transform_point3(0.5 * (low + high))
+}
+
+/// The corners of that box, at rest: bit 0 of their number is x, bit 1 y, bit 2 z.
+pub fn corners_mm(
+    template: &RegionTemplate,
+    structures: &[Structure],
+    structure: Option<&str>,
+    grid: &Grid,
+) -> [DVec3; 8] {
+    let (low, high) = index_box(template, structures, structure, grid);
+    let corner = |i: usize| DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 1 { high[a] } else { low[a] }));
+    std::array::from_fn(|i| grid.world_from_index().transform_point3(corner(i)))
+}
+
+/// From voxel to voxel, index space.
+fn index_box(
+    template: &RegionTemplate,
+    structures: &[Structure],
+    structure: Option<&str>,
+    grid: &Grid,
+) -> (DVec3, DVec3) {
     let mut low = DVec3::INFINITY;
     let mut high = DVec3::NEG_INFINITY;
     let is_meant = |s: &&Structure| structure.is_none_or(|name| template.called(&s.label) == name);
@@ -275,8 +298,7 @@ pub fn center_mm(template: &RegionTemplate, structures: &[Structure], structure:
         low = low.min(DVec3::from_array(bounds.map(|b| b[0] as f64)));
         high = high.max(DVec3::from_array(bounds.map(|b| b[1] as f64 - 1.0)));
     }
-    let (low, high) = if low.x > high.x { grid.index_box() } else { (low, high) };
-    grid.world_from_index().transform_point3(0.5 * (low + high))
+    if low.x > high.x { grid.index_box() } else { (low, high) }
 }
 
 /// What lengths of moves are relative to, mm: as those of the camera.
