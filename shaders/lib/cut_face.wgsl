@@ -30,7 +30,7 @@ fn cut_face(p: vec3f, front: f32, back: f32, shows: u32, pose: Pose) -> vec4f {
         shown_before += opacity * before;
         shown_behind += opacity * behind;
         i += 1u;
-        if is_rest { break; }
+        if i >= list.count + num_cut_rest(pose) { break; }
     }
     let a = shown_before / max(wanted_before, vec3f(1.0));
     let b = shown_behind / max(wanted_behind, vec3f(1.0));

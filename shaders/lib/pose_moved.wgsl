@@ -9,11 +9,13 @@ struct Pose {
     voxels: f32,
     first_look: u32,
     first_cut_look: u32,
+    is_rest: bool,
 }
 
 fn pose_of(body: u32) -> Pose {
     return Pose(mat3x3f(bodies.list[body].normal_x, bodies.list[body].normal_y, bodies.list[body].normal_z),
-        bodies.list[body].voxels, bodies.list[body].first_look, bodies.list[body].first_cut_look);
+        bodies.list[body].voxels, bodies.list[body].first_look, bodies.list[body].first_cut_look,
+        bodies.list[body].role == 0u);
 }
 
 // A normal or gradient of the volume at rest, with its length, in a body.
@@ -30,6 +32,15 @@ fn voxels_of(pose: Pose) -> f32 {
 // Position of a look as a body shows it.
 fn look_in(look: u32, pose: Pose) -> u32 {
     return pose.first_look + look;
+}
+
+// Looks besides the regions' that a place may have: the background's, in what rests alone.
+fn num_rest(pose: Pose) -> u32 {
+    return u32(pose.is_rest);
+}
+
+fn num_cut_rest(pose: Pose) -> u32 {
+    return u32(pose.is_rest || pose.first_cut_look != pose.first_look);
 }
 
 // Position of a look whose ends make faces in a body: a ghost that is a body of its own has those of all that rests.

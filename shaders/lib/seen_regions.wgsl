@@ -39,7 +39,7 @@ fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
         let weight = select(0.0, f * alpha, (shows >> layer & 1u) != 0u);
         shown += weight * vec4f(tinted, 1.0);
         i += 1u;
-        if is_rest { break; }
+        if i >= list.count + num_rest(march.pose) { break; }
     }
     shown /= max(wanted, 1.0);
     let alpha = select(shown.a, 1.0, shown.a > OPAQUE);

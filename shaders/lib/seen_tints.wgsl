@@ -33,7 +33,7 @@ fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
         plain += select(0.0, weight, look.w < 0.0);
         tints += select(weight, 0.0, look.w < 0.0) * vec4f(look.rgb, 1.0);
         i += 1u;
-        if is_rest { break; }
+        if i >= list.count + num_rest(march.pose) { break; }
     }
     let function = only_function();
     let piece = classify_piece(function, value_at(stretch, 0.0), value_at(stretch, 1.0));

@@ -33,6 +33,8 @@ pub const SHIPPED: &[Shipped] = &[
     shipped!("head_engraving", "CT in HU: an engraving on paper"),
     shipped!("head_xray", "CT in HU: translucent throughout"),
     shipped!("head_brain", "A label map: brain, vessels and nerves within a veil of bone"),
+    shipped!("head_brain_out", "A selection that was moved: the brain above the place it left"),
+    shipped!("head_jaw", "A selection that meets its ghost: the jaw in green, where it was in red, both in blue"),
     shipped!("turtle", "CT in HU: bones and organs within a shell of amber"),
     shipped!("engine", "Industrial CT: glass castings around brass"),
 ];
