@@ -12,7 +12,7 @@ use fabrica_engine::Progress;
 use fabrica_engine::gpu::regions::ResidentRegions;
 use fabrica_engine::gpu::{AdapterChoice, GpuContext};
 use fabrica_engine::render::{RenderOptions, Renderer};
-use fabrica_engine::scene::{Look, Region, Scene};
+use fabrica_engine::scene::{Look, Meetings, Moved, Region, Scene};
 use fabrica_engine::selection::{BrickPool, Selection};
 use fabrica_engine::spaces::Grid;
 use fabrica_engine::styles::StyleLibrary;
@@ -70,6 +70,18 @@ fn main() {
             with(labels.structures.iter().map(|s| s.selection.clone()).collect(), false),
         ),
     ];
+    // Moved by half its size, so that it lies half in what rests; and out of it.
+    let mut scenes = scenes;
+    for (name, share) in [("1 moved by half", 0.5), ("1 moved out", 2.0)] {
+        let mut scene = with(balls(&volume.grid, 1), true);
+        let region = &mut scene.objects[0].regions[0];
+        let bounds = region.selection.bounds().unwrap();
+        let size = bounds[1][1] - bounds[1][0];
+        let shift = volume.grid.world_from_index().transform_vector3(DVec3::Y) * size as f64 * share;
+        let ghost = Look { opacity: 0.15, ..region.look.clone() };
+        region.moved = Some(Moved { pose: DAffine3::from_translation(shift), ghost, meetings: Meetings::default() });
+        scenes.push((name.to_owned(), scene));
+    }
     let context = || GpuContext::new(&AdapterChoice::Software).unwrap();
     let mut renderers: Vec<Renderer> = scenes.iter().map(|_| Renderer::new(context())).collect();
     let mut times = vec![Vec::new(); scenes.len()];
@@ -89,6 +101,7 @@ fn main() {
         println!("{name:>14}: {:7.0} ms a frame at best, {ratio:.2} of the frame rate of none", fastest(these));
     }
     edits(&context());
+    frames_of_edits(context(), &plain);
 }
 
 /// Fuzzy balls in the eighths of the volume.
@@ -145,4 +158,33 @@ fn edits(context: &GpuContext) {
         times.sort_by(f64::total_cmp);
         println!("{what} of a dab of radius 10 in 512³: {:.2} ms at best, {:.2} ms in the median", times[0], times[30]);
     }
+}
+
+/// What a dab costs a picture of a few pixels: all that is made anew for it, besides drawing.
+fn frames_of_edits(context: GpuContext, plain: &Scene) {
+    let mut scene = plain.clone();
+    let volume = &scene.objects[0].volume;
+    let (grid, dims) = (volume.grid, volume.grid.dims());
+    let look = Look { tint: Some([0.2, 0.6, 0.9]), ..Look::plain(scene.objects[0].transfer_function.clone()) };
+    let selection = Selection::empty(grid, &Arc::default());
+    scene.objects[0].regions = vec![Region { name: "painted".to_owned(), selection, look, moved: None }];
+    let mut renderer = Renderer::new(context);
+    let mut times = [Vec::new(), Vec::new()];
+    for i in 0..60 {
+        let at: [usize; 3] = std::array::from_fn(|a| dims[a] / 4 + i % (dims[a] / 4));
+        // By turns with a dab and without.
+        if i % 2 == 0 {
+            scene.objects[0].regions[0].selection.change(at.map(|n| [n, n + 20]), |_, f| f.saturating_add(i as u8 + 1));
+        }
+        let started = Instant::now();
+        renderer.render(&scene, [8, 8], &RenderOptions::default(), &Progress::new()).unwrap();
+        if i > 3 {
+            times[i % 2].push(started.elapsed().as_secs_f64() * 1e3);
+        }
+    }
+    let [with, without] = times.map(|mut t| {
+        t.sort_by(f64::total_cmp);
+        t[t.len() / 2]
+    });
+    println!("a frame of 8² pixels after a dab: {with:.2} ms in the median, without one {without:.2} ms");
 }

@@ -380,7 +380,8 @@ impl RaycastPass {
             ..Default::default()
         });
         let num_pieces = most_pieces(object, scene.quality.step_voxels);
-        let num_passes = (num_pieces * bound.units_per_piece).div_ceil(bound.units_per_pass);
+        let num_units = u64::from(num_pieces) * u64::from(bound.units_per_piece);
+        let num_passes = num_units.div_ceil(u64::from(bound.units_per_pass)) as u32;
         if num_passes > 1 {
             self.pipeline(context, RaycastKey { resumed: true, ..key })?;
         }
