@@ -1,8 +1,9 @@
 // The raycaster of objects with moved regions (docs/rendering.md §9): as raycast.wgsl, for several bodies that may lie in one
 // another. A ray is cut where it enters and leaves bodies; in between, all that are there are walked through side by side.
 //
-// The loops are those of lib/walk, each with one more over the bodies; what finds the next stretch of the ray is in the innermost,
-// as a software adapter goes through the others once for nothing wherever they are begun. Arrays are indexed by bodies.
+// The loops are those of raycast.wgsl, each with one more over the bodies, tested at their ends: a software adapter goes through what
+// follows a `break` once more. What finds the next stretch of the ray is in the innermost, as the others take a round for nothing
+// wherever they are begun. Arrays are indexed by bodies.
 #import bind/bodies
 #import bind/frame
 #import bind/object
@@ -53,11 +54,11 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     var spans: array<vec2f, MAX_BODIES>;
     var i = 0u;
     loop {
-        if i >= bodies.count { break; }
         origins[i] = body_origin(i, ray.screen);
         directions[i] = body_direction(i, ray.world_direction);
         spans[i] = intersect_box(origins[i], directions[i], bodies.list[i].box_low, bodies.list[i].box_high);
         i += 1u;
+        if i >= bodies.count { break; }
     }
     // What is left for looks beyond one a part, so that a software adapter never ends the loops by itself: besides pieces, there are
     // the ends of the stretches.
@@ -109,17 +110,16 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                     begin = NEVER;
                     var n = 0u;
                     loop {
-                        if n >= bodies.count { break; }
                         let enter = max(spans[n].x, end);
                         begin = select(begin, min(begin, enter), spans[n].y > enter + bodies.tiny_mm);
                         n += 1u;
+                        if n >= bodies.count { break; }
                     }
                     end = NEVER;
                     bodies_here = 0u;
                     var fastest = 0.0;
                     n = 0u;
                     loop {
-                        if n >= bodies.count { break; }
                         let span = spans[n];
                         let is_real = span.y > max(span.x, begin) + bodies.tiny_mm;
                         let is_here = is_real && span.x <= begin + bodies.tiny_mm;
@@ -127,6 +127,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                         bodies_here |= select(0u, 1u << n, is_here);
                         fastest = select(fastest, max(fastest, length(directions[n])), is_here);
                         n += 1u;
+                        if n >= bodies.count { break; }
                     }
                     is_over = begin >= NEVER || base >= frame.pieces.y;
                     // Δ in mm so that a step is `step_voxels` voxels of the finest body.
@@ -145,7 +146,6 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 var next = count;
                 var left = bodies_here;
                 loop {
-                    if left == 0u { break; }
                     let b = firstTrailingBit(left);
                     left &= left - 1u;
                     let first = origins[b] + begin * directions[b];
@@ -155,6 +155,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                     shows[b] = cell.y;
                     present |= select(0u, 1u << b, cell.x == 0u);
                     next = min(next, leap(brick, max(cell.x, 1u), first, stride, k));
+                    if left == 0u { break; }
                 }
                 if present != 0u { break; }
                 k = next;
@@ -165,7 +166,6 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             let waiting = present & ~known;
             var left = present;
             loop {
-                if left == 0u { break; }
                 let b = firstTrailingBit(left);
                 left &= left - 1u;
                 let is_known = (known >> b & 1u) != 0u;
@@ -189,6 +189,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 shown = shown && max(front_alpha, alpha) > 0.0;
 #end
                 visible |= select(0u, 1u << b, shown && waiting == 0u);
+                if left == 0u { break; }
             }
             known |= present;
             if visible != 0u { break; }
@@ -199,13 +200,13 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 met = 0u;
                 left = present;
                 loop {
-                    if left == 0u { break; }
                     let b = firstTrailingBit(left);
                     left &= left - 1u;
                     fronts[b] = backs[b];
 #if alpha
                     front_alphas[b] = back_alphas[b];
 #end
+                    if left == 0u { break; }
                 }
             }
         }
@@ -217,35 +218,34 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 #if functions
         var asked = visible;
         loop {
-            if asked == 0u { break; }
             let b = firstTrailingBit(asked);
             asked &= asked - 1u;
             shows[b] = layers_that_show(shows[b], fronts[b], backs[b]);
             visible &= select(~(1u << b), 0xffffffffu, shows[b] != 0u);
+            if asked == 0u { break; }
         }
 #end
 #if cuts
-        var ending = visible;
+        var ending = select(visible, 1u, visible == 0u);
         loop {
-            if ending == 0u { break; }
             let b = firstTrailingBit(ending);
             ending &= ending - 1u;
             let middle = place_in(origins[b], directions[b], begin + piece_middle(k, steps) * step);
             faces[b] = cut_face(middle, fronts[b], backs[b], faces_of(shows[b], b), pose_of(b));
+            if ending == 0u { break; }
         }
 #end
         var j = u32(visible != 0u && (visible & ~met) == 0u);
         loop {
-            if visible == 0u { break; }
             let place = part_boundary(j, length_k);
             let before = part_boundary(max(j, 1u) - 1u, length_k);
             let exponent_j = exponent * (place - before);
             var meeting = nothing_meets();
             // What the last body shows: all there is, where it is alone.
             var own = vec4f(0.0);
-            var left = visible;
+            // Where nothing is left that shows, any: it counts for nothing.
+            var left = select(visible, 1u, visible == 0u);
             loop {
-                if left == 0u { break; }
                 let b = firstTrailingBit(left);
                 left &= left - 1u;
                 let march = March(pose_of(b), origins[b] + begin * directions[b], step * directions[b], ray.world_direction,
@@ -277,14 +277,15 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 own = select(own, vec4f(0.0), j == 0u);
                 let alpha = opacity_correct(own.a, 1.0 / max(exponent_j, 1e-30));
                 meeting = joined_by(meeting, b, Shown(own.rgb / max(own.a, 1e-30), alpha, part_of, 0.5 * (edge.value + next.value)));
+                if left == 0u { break; }
             }
             let seen_here = what_meets(meeting);
             let is_one = (visible & (visible - 1u)) == 0u;
             let alpha = select(opacity_correct(seen_here.a, exponent_j), own.a, is_one);
             let color = select(seen_here.rgb, own.rgb / max(own.a, 1e-30), is_one);
-            accumulated = composite(accumulated, vec4f(color, 1.0), select(alpha, 0.0, j == 0u));
+            accumulated = composite(accumulated, vec4f(color, 1.0), select(alpha, 0.0, j == 0u || visible == 0u));
             j += 1u;
-            if j > num_parts || 1.0 - accumulated.a < frame.termination { break; }
+            if j > num_parts || visible == 0u || 1.0 - accumulated.a < frame.termination { break; }
         }
         if 1.0 - accumulated.a < frame.termination { break; }
         met = visible;
@@ -292,13 +293,13 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         known = present;
         var left = present;
         loop {
-            if left == 0u { break; }
             let b = firstTrailingBit(left);
             left &= left - 1u;
             fronts[b] = backs[b];
 #if alpha
             front_alphas[b] = back_alphas[b];
 #end
+            if left == 0u { break; }
         }
     }
     if 1.0 - accumulated.a < frame.termination {
