@@ -10,6 +10,7 @@
 #import lib/face
 #import lib/fullscreen
 #import lib/opacity
+#import lib/parts
 #import lib/ray
 #import lib/skip
 #import lib/stretch
@@ -25,13 +26,6 @@
 #if cuts
 #import lib/cut_face
 #end
-
-// Parts of a piece that shows something.
-const PARTS: u32 = 4u;
-// Looks at the style within one part of a piece, at most.
-const MAX_LOOKS: u32 = 16u;
-// Software adapters end a shader's loops silently after 65 535 rounds, summed over the nest.
-const MAX_ROUNDS: u32 = 65000u;
 
 @vertex
 fn vs_raycast(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4f {
@@ -181,14 +175,4 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         k += 1u;
     }
     return accumulated;
-}
-
-// Place of boundary j of the parts of a piece, in steps from its front.
-fn part_boundary(j: u32, length_k: f32) -> f32 {
-    return min(f32(j) / f32(PARTS), length_k);
-}
-
-// How often the style is looked at between two normals.
-fn num_looks(a: vec3f, b: vec3f) -> u32 {
-    return u32(clamp(ceil(length(b - a) * object.looks_per_turn), 1.0, f32(MAX_LOOKS)));
 }

@@ -9,10 +9,12 @@
 #import bind/object
 #import bind/regions
 #import lib/composite
+#import lib/cut_face
 #import lib/face
 #import lib/fullscreen
 #import lib/meeting
 #import lib/opacity
+#import lib/parts
 #import lib/ray
 #import lib/skip
 #import lib/stretch
@@ -24,16 +26,6 @@
 #if functions
 #import lib/functions
 #end
-#if cuts
-#import lib/cut_face
-#end
-
-// Parts of a piece that shows something.
-const PARTS: u32 = 4u;
-// Looks at the style within one part of a piece, at most.
-const MAX_LOOKS: u32 = 16u;
-// Software adapters end a shader's loops silently after 65 535 rounds, summed over the nest.
-const MAX_ROUNDS: u32 = 65000u;
 
 // What is farther than anything, mm.
 const NEVER: f32 = 3e38;
@@ -90,9 +82,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 #end
     // The kind of brick, then the functions that may show something of the piece, then those that do.
     var shows: array<u32, MAX_BODIES>;
-#if cuts
     var faces: array<vec4f, MAX_BODIES>;
-#end
     // At the part boundary that was reached last; `met`: the bodies for which it is the front of piece k.
     var edges: array<Edge, MAX_BODIES>;
     var met = 0u;
@@ -225,7 +215,6 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             if asked == 0u { break; }
         }
 #end
-#if cuts
         var ending = select(visible, 1u, visible == 0u);
         loop {
             let b = firstTrailingBit(ending);
@@ -234,7 +223,6 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             faces[b] = cut_face(middle, fronts[b], backs[b], faces_of(shows[b], b), pose_of(b));
             if ending == 0u { break; }
         }
-#end
         var j = u32(visible != 0u && (visible & ~met) == 0u);
         loop {
             let place = part_boundary(j, length_k);
@@ -261,11 +249,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 var n = 0u;
                 loop {
                     let stretch = Stretch(edge, next, f32(k), before, place, f32(n), share);
-#if cuts
                     let found = seen(stretch, march, shown_layers(shows[b]), faces[b]);
-#else
-                    let found = seen(stretch, march, shown_layers(shows[b]), vec4f(0.0));
-#end
                     own = composite(own, found.style, opacity_correct(found.alpha, exponent_j * share));
 #if meetings
                     part_of += share * found.share;
@@ -333,13 +317,11 @@ fn shown_layers(shows: u32) -> u32 {
 #end
 }
 
-#if cuts
 // Functions whose ends make faces in a body.
 fn faces_of(shows: u32, b: u32) -> u32 {
     let is_shared = bodies.list[b].first_cut_look != bodies.list[b].first_look;
     return select(shown_layers(shows), 0xffffffffu, is_shared);
 }
-#end
 
 // The brick of a place: one of those that the body has, whatever rounding says.
 fn brick_in_body(p: vec3f, body: u32) -> vec3i {
@@ -349,14 +331,4 @@ fn brick_in_body(p: vec3f, body: u32) -> vec3i {
 // What the skip map has of it.
 fn skip_cell_of(brick: vec3i, body: u32) -> vec4u {
     return textureLoad(skip_map, brick + bodies.list[body].to_map, 0);
-}
-
-// Place of boundary j of the parts of a piece, in steps from its front.
-fn part_boundary(j: u32, length_k: f32) -> f32 {
-    return min(f32(j) / f32(PARTS), length_k);
-}
-
-// How often the style is looked at between two normals.
-fn num_looks(a: vec3f, b: vec3f) -> u32 {
-    return u32(clamp(ceil(length(b - a) * object.looks_per_turn), 1.0, f32(MAX_LOOKS)));
 }

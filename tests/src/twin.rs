@@ -5,7 +5,7 @@ use fabrica_engine::measure::Difference;
 use fabrica_engine::pass::raycast::ShaderPatch;
 use fabrica_engine::reference::Reference;
 use fabrica_engine::render::{FloatImage, RenderOptions, Renderer};
-use fabrica_engine::scene::Scene;
+use fabrica_engine::scene::{Quality, Scene};
 
 use crate::compare::agrees;
 use crate::{renderer, software};
@@ -51,4 +51,13 @@ pub fn notices(scene: &Scene, size: [u32; 2], name: &str, patch: ShaderPatch) {
 pub fn replace(text: &str, from: &str, to: &str) -> String {
     assert!(text.contains(from), "the shader has no \"{from}\" to break");
     text.replace(from, to)
+}
+
+/// Rays that end late: when one does depends on the last digit of what it has gathered.
+pub const ENDLESS: Quality = Quality { termination: 1e-6, ..Quality::STANDARD };
+
+/// Largest difference of any channel.
+pub fn difference(a: &FloatImage, b: &FloatImage) -> f32 {
+    let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
+    channels.map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
 }

@@ -13,7 +13,7 @@ use fabrica_engine::spaces::Grid;
 use fabrica_engine::volume::{Rescale, Volume, Voxels};
 use fabrica_tests::phantom::{self, add, ball, centered, function, lumpy, selection};
 use fabrica_tests::renderer;
-use fabrica_tests::twin::{self, replace};
+use fabrica_tests::twin::{self, ENDLESS, difference, replace};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 const SIZE: [u32; 2] = [48, 40];
@@ -255,15 +255,6 @@ fn defects_of_moved_selections_are_noticed() {
     scene.objects[0].regions[1].look = Look::plain(look);
     scene.objects[0].regions[1].moved.as_mut().unwrap().pose = pose(DVec3::new(-4.0, 3.0, 1.0), DVec3::ZERO, 0.25);
     notices(&scene, "styles as sharp as at rest", |t| replace(&t, "return pose.voxels;", "return 1.0;"));
-}
-
-/// Rays that end late: when one does depends on the last digit of what it has gathered.
-const ENDLESS: Quality = Quality { termination: 1e-6, ..Quality::STANDARD };
-
-/// Largest difference of any channel.
-fn difference(a: &FloatImage, b: &FloatImage) -> f32 {
-    let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
-    channels.map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
 }
 
 #[test]

@@ -13,7 +13,7 @@ use fabrica_engine::selection::{BrickPool, Selection};
 use fabrica_engine::spaces::Grid;
 use fabrica_engine::volume::{Rescale, Volume, Voxels};
 use fabrica_tests::phantom::{self, add, ball, centered, function, lumpy, selection};
-use fabrica_tests::twin::{self, replace};
+use fabrica_tests::twin::{self, ENDLESS, difference, replace};
 use fabrica_tests::{renderer, software};
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -212,15 +212,6 @@ fn where_a_region_ends_in_the_midst_of_tissue_there_is_a_face() {
         replace(&t, "let weight = smoothstep(0.0, SHARP_END", "let weight = 0.0 * smoothstep(0.0, SHARP_END")
     });
     notices(&scene, "cut faces that face inwards", |t| replace(&t, "vec4f(-world /", "vec4f(world /"));
-}
-
-/// Rays that end late: when one does depends on the last digit of what it has gathered.
-const ENDLESS: Quality = Quality { termination: 1e-6, ..Quality::STANDARD };
-
-/// Largest difference of any channel.
-fn difference(a: &FloatImage, b: &FloatImage) -> f32 {
-    let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
-    channels.map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
 }
 
 #[test]

@@ -35,6 +35,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/gradient_color",
     "lib/meeting",
     "lib/opacity",
+    "lib/parts",
     "lib/pose_moved",
     "lib/pose_rest",
     "lib/ray",

@@ -1,13 +1,13 @@
 //! Bodies as the shader reads them (docs/rendering.md §9): where the parts of an object lie that were moved, and how they look
 //! where they meet.
 
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DVec3};
 
 use super::raycast::{NearPlane, small_texture, uniform};
 use crate::gpu::context::GpuContext;
 use crate::gpu::upload::{ResidentVolume, extent};
 use crate::scene::moved::{MAX_BODIES, STRENGTH_SIZE};
-use crate::scene::{Camera, Meeting, Object, Role};
+use crate::scene::{Body, Camera, Meeting, Object, Role};
 use crate::spaces::Grid;
 
 uniform! {
@@ -57,9 +57,9 @@ pub struct BodiesUniform {
 }
 }
 
-/// M⁻¹ of each body, in the order of [`Object::bodies`]; the first is at rest.
-fn rests_from_world(object: &Object) -> Vec<DAffine3> {
-    object.bodies().iter().map(|body| body.pose().map_or(DAffine3::IDENTITY, DAffine3::inverse)).collect()
+/// M; the identity at rest.
+fn pose(body: &Body<'_>) -> DAffine3 {
+    body.pose().copied().unwrap_or(DAffine3::IDENTITY)
 }
 
 /// The sphere around all bodies' boxes: center in the world and radius, mm.
@@ -70,7 +70,7 @@ pub fn bounding_sphere(object: &Object) -> (DVec3, f64) {
         .iter()
         .flat_map(|body| {
             let (low, high) = body.index_box(object);
-            let pose = body.pose().copied().unwrap_or(DAffine3::IDENTITY);
+            let pose = pose(body);
             grid.box_corners_mm(low, high).map(|corner| pose.transform_point3(corner))
         })
         .collect();
@@ -85,10 +85,9 @@ pub fn most_pieces(object: &Object, step_voxels: f64) -> u32 {
     let bodies = object.bodies();
     let sizes: Vec<(f64, f64)> = bodies
         .iter()
-        .zip(rests_from_world(object))
-        .map(|(body, rest)| {
+        .map(|body| {
             let (low, high) = body.index_box(object);
-            ((high - low).length() / step_voxels, spacing_of(&object.volume.grid, &rest).min_element())
+            ((high - low).length() / step_voxels, spacing_mm(&object.volume.grid, body))
         })
         .collect();
     let own: f64 = sizes.iter().map(|(pieces, _)| pieces).sum();
@@ -109,73 +108,72 @@ pub fn bodies_uniform(
     sections: impl Iterator<Item = [[usize; 3]; 3]>,
 ) -> BodiesUniform {
     let grid = &object.volume.grid;
-    let (bodies, rests) = (object.bodies(), rests_from_world(object));
+    let bodies = object.bodies();
     let num_looks = 1 + object.regions.len() as u32;
     let finest = grid.spacing_mm().min_element();
     let has_ghosts = bodies.iter().any(|body| body.role == Role::Ghost);
-    let made =
-        bodies.iter().zip(&rests).zip(sections).enumerate().map(|(i, ((body, rest), [first, behind, origin]))| {
-            let index = grid.index_from_world() * *rest;
-            let column = |v: DVec3| v.as_vec3().to_array();
-            let to_index = |v: DVec3| column(index.transform_vector3(v));
-            let (origin_mm, [dx, dy]) = near.plane(camera);
-            // A normal goes with the inverse transpose of M, which is the transpose of M⁻¹; scaled, so that f32 has its length.
-            let normal = rest.matrix3.transpose();
-            let normal =
-                normal * (1.0 / normal.to_cols_array().into_iter().fold(f64::MIN_POSITIVE, |a, b| a.max(b.abs())));
-            let (low, high) = body.index_box(object);
-            let first_look = i as u32 * num_looks;
-            let color = |meeting: Option<&Meeting>| {
-                meeting.map_or([0.0; 4], |m| {
-                    let [r, g, b] = m.color;
-                    [r, g, b, m.opacity.map_or(-1.0, |opacity| 1.0 + opacity as f32)]
-                })
-            };
-            let meetings = match body.role {
-                Role::Moved(moved) => [moved.meetings.ghost.as_ref(), moved.meetings.background.as_ref()].map(color),
-                Role::Rest | Role::Ghost => [[0.0; 4]; 2],
-            };
-            BodyUniform {
-                near_origin: column(index.transform_point3(origin_mm)),
-                first_look,
-                near_dx: to_index(dx),
-                first_cut_look: if has_ghosts && body.pose().is_none() {
-                    bodies.len() as u32 * num_looks
-                } else {
-                    first_look
-                },
-                near_dy: to_index(dy),
-                voxels: (finest / spacing_of(grid, rest).min_element()) as f32,
-                index_from_world_x: column(index.matrix3.x_axis),
-                role: match body.role {
-                    Role::Rest => 0,
-                    Role::Ghost => 1,
-                    Role::Moved(_) => 2,
-                },
-                index_from_world_y: column(index.matrix3.y_axis),
-                pad0: 0,
-                index_from_world_z: column(index.matrix3.z_axis),
-                pad1: 0,
-                normal_x: column(normal.x_axis),
-                pad2: 0,
-                normal_y: column(normal.y_axis),
-                pad3: 0,
-                normal_z: column(normal.z_axis),
-                pad4: 0,
-                box_low: column(low),
-                pad5: 0,
-                box_high: column(high),
-                pad6: 0,
-                first_brick: first.map(|n| n as i32),
-                pad7: 0,
-                last_brick: behind.map(|n| n as i32 - 1),
-                pad8: 0,
-                to_map: std::array::from_fn(|a| origin[a] as i32 - first[a] as i32),
-                pad9: 0,
-                with_ghost: meetings[0],
-                with_background: meetings[1],
-            }
-        });
+    let made = bodies.iter().zip(sections).enumerate().map(|(i, (body, [first, behind, origin]))| {
+        let rest = pose(body).inverse();
+        let index = grid.index_from_world() * rest;
+        let column = |v: DVec3| v.as_vec3().to_array();
+        let to_index = |v: DVec3| column(index.transform_vector3(v));
+        let (origin_mm, [dx, dy]) = near.plane(camera);
+        // A normal goes with the inverse transpose of M, which is the transpose of M⁻¹; scaled, so that f32 has its length.
+        let normal = rest.matrix3.transpose();
+        let normal = normal * (1.0 / normal.to_cols_array().into_iter().fold(f64::MIN_POSITIVE, |a, b| a.max(b.abs())));
+        let (low, high) = body.index_box(object);
+        let first_look = i as u32 * num_looks;
+        let color = |meeting: Option<&Meeting>| {
+            meeting.map_or([0.0; 4], |m| {
+                let [r, g, b] = m.color;
+                [r, g, b, m.opacity.map_or(-1.0, |opacity| 1.0 + opacity as f32)]
+            })
+        };
+        let meetings = match body.role {
+            Role::Moved(moved) => [moved.meetings.ghost.as_ref(), moved.meetings.background.as_ref()].map(color),
+            Role::Rest | Role::Ghost => [[0.0; 4]; 2],
+        };
+        BodyUniform {
+            near_origin: column(index.transform_point3(origin_mm)),
+            first_look,
+            near_dx: to_index(dx),
+            first_cut_look: if has_ghosts && body.pose().is_none() {
+                bodies.len() as u32 * num_looks
+            } else {
+                first_look
+            },
+            near_dy: to_index(dy),
+            voxels: (finest / spacing_mm(grid, body)) as f32,
+            index_from_world_x: column(index.matrix3.x_axis),
+            role: match body.role {
+                Role::Rest => 0,
+                Role::Ghost => 1,
+                Role::Moved(_) => 2,
+            },
+            index_from_world_y: column(index.matrix3.y_axis),
+            pad0: 0,
+            index_from_world_z: column(index.matrix3.z_axis),
+            pad1: 0,
+            normal_x: column(normal.x_axis),
+            pad2: 0,
+            normal_y: column(normal.y_axis),
+            pad3: 0,
+            normal_z: column(normal.z_axis),
+            pad4: 0,
+            box_low: column(low),
+            pad5: 0,
+            box_high: column(high),
+            pad6: 0,
+            first_brick: first.map(|n| n as i32),
+            pad7: 0,
+            last_brick: behind.map(|n| n as i32 - 1),
+            pad8: 0,
+            to_map: std::array::from_fn(|a| origin[a] as i32 - first[a] as i32),
+            pad9: 0,
+            with_ghost: meetings[0],
+            with_background: meetings[1],
+        }
+    });
     let mut list = [bytemuck::Zeroable::zeroed(); MAX_BODIES];
     list.iter_mut().zip(made).for_each(|(slot, body)| *slot = body);
     let (low, high) = object.volume.bricks().range();
@@ -191,13 +189,13 @@ pub fn bodies_uniform(
     }
 }
 
-/// Distances of neighboring voxels along x, y and z, in mm, in a body that rests where `rest` (M⁻¹) takes it.
-fn spacing_of(grid: &Grid, rest: &DAffine3) -> DVec3 {
-    let world: DMat3 = rest.inverse().matrix3 * grid.world_from_index().matrix3;
-    DVec3::new(world.x_axis.length(), world.y_axis.length(), world.z_axis.length())
+/// Smallest distance of neighboring voxels of a body as it lies.
+fn spacing_mm(grid: &Grid, body: &Body<'_>) -> f64 {
+    let world = pose(body).matrix3 * grid.world_from_index().matrix3;
+    DVec3::new(world.x_axis.length(), world.y_axis.length(), world.z_axis.length()).min_element()
 }
 
-/// Two layers for each body; none where nobody has a strength of its own or any meeting.
+/// Two layers for each body; none where no body has a look of its own for what it meets.
 pub fn strengths(context: &GpuContext, object: &Object) -> Option<wgpu::TextureView> {
     let bodies = object.bodies();
     let plain = vec![u8::MAX; STRENGTH_SIZE * STRENGTH_SIZE];

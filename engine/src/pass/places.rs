@@ -18,11 +18,17 @@ pub const MAX_KINDS: usize = 256;
 #[derive(Debug)]
 pub struct Places {
     revision: u64,
-    /// Per kind of brick: a bit for each opacity function that may show something in it.
-    pub masks: Vec<u32>,
-    position_of_mask: HashMap<u32, u8>,
+    kinds: Kinds,
     sections: Vec<Section>,
     texture: wgpu::Texture,
+}
+
+/// What tells bricks apart.
+#[derive(Debug, Default)]
+struct Kinds {
+    /// A bit for each opacity function that may show something.
+    masks: Vec<u32>,
+    position: HashMap<u32, u8>,
 }
 
 /// The bricks of a body.
@@ -96,7 +102,7 @@ impl Places {
     ) -> Result<Self> {
         let most = context.adapter.max_volume_edge as usize;
         let whole = object.volume.bricks().dims;
-        let (mut masks, mut position_of_mask) = (Vec::new(), HashMap::new());
+        let mut kinds = Kinds::default();
         let mut sections: Vec<Section> = Vec::new();
         // One on another along z, as far as the adapter goes; then beside them.
         let (mut size, mut at) = ([0; 3], [0; 3]);
@@ -111,22 +117,12 @@ impl Places {
             at[2] += own[2];
             size = std::array::from_fn(|a| size[a].max(section.origin[a] + own[a]));
             let bits = &showing.bits[sections.len()];
-            section.kinds = (0..own.iter().product())
-                .map(|i| {
-                    section_kind(
-                        &mut section.kind_of_set,
-                        section.bricks,
-                        i,
-                        bits,
-                        regions,
-                        &mut masks,
-                        &mut position_of_mask,
-                    )
-                })
-                .collect();
+            kinds.of_sets(&mut section.kind_of_set, &regions.sets, bits);
+            let kind = |i: usize| section.kind_of_set[regions.set_at(section.place(i)) as usize];
+            section.kinds = (0..own.iter().product()).map(kind).collect();
             if showing.leaps {
                 let is_occupied =
-                    |i: usize| occupied(object, section.place(i), masks[usize::from(section.kinds[i])], showing);
+                    |i: usize| occupied(object, section.place(i), kinds.masks[usize::from(section.kinds[i])], showing);
                 section.distances = chebyshev_distances(own, is_occupied);
             } else {
                 section.distances = vec![0; section.kinds.len()];
@@ -142,7 +138,7 @@ impl Places {
         let (format, dimension) = (wgpu::TextureFormat::Rg8Uint, wgpu::TextureDimension::D3);
         let nothing = vec![0; 2 * size.iter().product::<usize>()];
         let texture = small_texture(context, "skip map", extent(size), dimension, format, &nothing);
-        let places = Self { revision: regions.revision, masks, position_of_mask, sections, texture };
+        let places = Self { revision: regions.revision, kinds, sections, texture };
         places.sections.iter().for_each(|section| places.write(context, section, section.bricks));
         Ok(places)
     }
@@ -169,23 +165,16 @@ impl Places {
         }
         let mut sections = std::mem::take(&mut self.sections);
         for (section, bits) in sections.iter_mut().zip(showing.bits) {
+            self.kinds.of_sets(&mut section.kind_of_set, &regions.sets, bits);
             let mut touched = [[usize::MAX, 0]; 3];
             let mut farther = false;
             for place in &changed {
                 let Some(i) = section.index(*place) else { continue };
-                let kind = section_kind(
-                    &mut section.kind_of_set,
-                    section.bricks,
-                    i,
-                    bits,
-                    regions,
-                    &mut self.masks,
-                    &mut self.position_of_mask,
-                );
+                let kind = section.kind_of_set[regions.set_at(*place) as usize];
                 section.kinds[i] = kind;
                 let size = section.size();
                 let at: [usize; 3] = std::array::from_fn(|a| place[a] - section.bricks[a][0]);
-                if showing.leaps && occupied(object, *place, self.masks[usize::from(kind)], showing) {
+                if showing.leaps && occupied(object, *place, self.kinds.masks[usize::from(kind)], showing) {
                     farther |= occupy(&mut section.distances, size, at);
                 }
                 for (bound, at) in touched.iter_mut().zip(place) {
@@ -216,6 +205,11 @@ impl Places {
         write_box(context, &self.texture, origin, bricks.map(|[from, to]| to - from), 2, &data);
     }
 
+    /// Per kind of brick, at most [`MAX_KINDS`]: a bit for each opacity function that may show something in it.
+    pub fn masks(&self) -> &[u32] {
+        &self.kinds.masks
+    }
+
     /// Distance to the nearest brick that shows something, and kind of brick.
     pub fn view(&self) -> wgpu::TextureView {
         self.texture.create_view(&Default::default())
@@ -227,31 +221,22 @@ impl Places {
     }
 }
 
-/// Kind of the `i`-th brick of a section; new kinds are added.
-fn section_kind(
-    kind_of_set: &mut Vec<u8>,
-    bricks: [[usize; 2]; 3],
-    i: usize,
-    bits: &[u32],
-    regions: &ResidentRegions,
-    masks: &mut Vec<u32>,
-    position_of_mask: &mut HashMap<u32, u8>,
-) -> u8 {
-    for set in &regions.sets[kind_of_set.len().min(regions.sets.len())..] {
-        let mask = set.iter().map(|look| bits[*look as usize]).fold(0, |a, b| a | b);
-        kind_of_set.push(*position_of_mask.entry(mask).or_insert_with(|| {
-            if masks.len() < MAX_KINDS {
-                masks.push(mask);
-            } else {
-                masks[MAX_KINDS - 1] |= mask;
-            }
-            (masks.len() - 1) as u8
-        }));
+impl Kinds {
+    /// The kinds of sets of looks, of which `known` has the first ones'; new kinds are added.
+    fn of_sets(&mut self, known: &mut Vec<u8>, sets: &[Vec<u32>], bits: &[u32]) {
+        for set in &sets[known.len()..] {
+            let mask = set.iter().map(|look| bits[*look as usize]).fold(0, |a, b| a | b);
+            let masks = &mut self.masks;
+            known.push(*self.position.entry(mask).or_insert_with(|| {
+                if masks.len() < MAX_KINDS {
+                    masks.push(mask);
+                } else {
+                    masks[MAX_KINDS - 1] |= mask;
+                }
+                (masks.len() - 1) as u8
+            }));
+        }
     }
-    let size = bricks.map(|[from, to]| to - from);
-    let at = [i % size[0], i / size[0] % size[1], i / (size[0] * size[1])];
-    let place: [usize; 3] = std::array::from_fn(|a| at[a] + bricks[a][0]);
-    kind_of_set[regions.set_at(place) as usize]
 }
 
 fn occupied(object: &Object, [x, y, z]: [usize; 3], mask: u32, showing: &Showing<'_>) -> bool {

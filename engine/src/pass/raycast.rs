@@ -346,9 +346,10 @@ impl RaycastPass {
         let volume = &object.volume;
         let grid = volume.grid;
         let leaps = skip_empty && scene.quality.step_voxels <= MAX_SKIP_STEP;
+        let near = NearPlane::new(&scene.camera, bounding_sphere(object));
         let bound = match regions {
             None => self.bind_look(context, scene, object, resident, leaps),
-            Some(regions) => self.bind_regions(context, scene, object, resident, regions, leaps)?,
+            Some(regions) => self.bind_regions(context, scene, object, resident, regions, &near, leaps)?,
         };
         let key = match &bound.shared {
             None => key,
@@ -416,7 +417,6 @@ impl RaycastPass {
             layout: &pipeline.object_layout,
             entries: &entries,
         });
-        let near = NearPlane::new(&scene.camera, bounding_sphere(object));
         Ok(RaycastObject { key, bind_group, grid, near, num_passes, units_per_pass: bound.units_per_pass })
     }
 
@@ -452,6 +452,7 @@ impl RaycastPass {
     }
 
     /// What an object with regions is drawn with.
+    #[expect(clippy::too_many_arguments, reason = "what a draw needs, spelled out")]
     fn bind_regions(
         &mut self,
         context: &GpuContext,
@@ -459,6 +460,7 @@ impl RaycastPass {
         object: &Object,
         resident: &ResidentVolume,
         regions: &ResidentRegions,
+        near: &NearPlane,
         leaps: bool,
     ) -> Result<Bound> {
         let lengths_mm = in_steps(usual_length_mm(scene, object));
@@ -484,8 +486,7 @@ impl RaycastPass {
         });
         let has_moved = object.regions.iter().any(|region| region.moved().is_some());
         let bodies = has_moved.then(|| {
-            let near = NearPlane::new(&scene.camera, bounding_sphere(object));
-            let uniform = bodies_uniform(object, resident, &scene.camera, &near, looks.sections());
+            let uniform = bodies_uniform(object, resident, &scene.camera, near, looks.sections());
             MovedBodies {
                 count: object.bodies().len(),
                 uniform: uniform_buffer(context, "bodies", bytemuck::bytes_of(&uniform)),

@@ -303,7 +303,7 @@ impl RegionLooks {
     /// What only several functions need: their uniform, and which of them may show something between two values.
     pub fn functions(&self) -> Option<(FunctionsUniform, &wgpu::TextureView)> {
         let functions = self.functions.as_ref()?;
-        let masks = &self.places.masks;
+        let masks = self.places.masks();
         let kinds = std::array::from_fn(|i| std::array::from_fn(|j| masks.get(4 * i + j).copied().unwrap_or(0)));
         let Functions { layers, first_cell, cells_per_texel, .. } = *functions;
         let uniform = FunctionsUniform { layers, kinds, first_cell, cells_per_texel, pad0: 0.0, pad1: 0.0 };

@@ -101,6 +101,10 @@ impl Object {
                 resting.push(i);
                 continue;
             };
+            // One too many is enough to be refused.
+            if moved.len() > MAX_BODIES {
+                break;
+            }
             match moved.iter_mut().find(|(m, _)| (m.pose, &m.meetings) == (own.pose, &own.meetings)) {
                 Some((_, regions)) => regions.push(i),
                 None => moved.push((own, vec![i])),

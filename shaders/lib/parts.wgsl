@@ -1,0 +1,19 @@
+// How a piece of a ray that shows something is cut into parts, and how often each is looked at (docs/rendering.md §5).
+#import bind/object
+
+// Parts of a piece that shows something.
+const PARTS: u32 = 4u;
+// Looks at the style within one part of a piece, at most.
+const MAX_LOOKS: u32 = 16u;
+// Software adapters end a shader's loops silently after 65 535 rounds, summed over the nest.
+const MAX_ROUNDS: u32 = 65000u;
+
+// Place of boundary j of the parts of a piece, in steps from its front.
+fn part_boundary(j: u32, length_k: f32) -> f32 {
+    return min(f32(j) / f32(PARTS), length_k);
+}
+
+// How often the style is looked at between two normals.
+fn num_looks(a: vec3f, b: vec3f) -> u32 {
+    return u32(clamp(ceil(length(b - a) * object.looks_per_turn), 1.0, f32(MAX_LOOKS)));
+}
