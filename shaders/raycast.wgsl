@@ -51,7 +51,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 #if regions
     var spare = i32(MAX_ROUNDS) - i32(walked * regions.rounds_per_piece);
 #else
-    var spare = i32(MAX_ROUNDS) - i32(walked * (5u + 2u * PARTS));
+    var spare = i32(MAX_ROUNDS) - i32(walked * ROUNDS_PER_PIECE);
 #end
     let march = March(Pose(0u), first, stride, ray.world_direction, axes, frame.near_depth + span.x * ray.depth_per_mm,
         step * ray.depth_per_mm);
@@ -72,6 +72,11 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     var edge = Edge(0.0, vec3f(0.0), vec3f(0.0));
 #end
     var met = false;
+#if contours
+    // What κ_v is measured against: d₀, in steps, before the front and the back of the piece.
+    let lag = object.reference_length / step;
+    var lagged: Lagged;
+#end
     loop {
         var visible = false;
         var back = 0.0;
@@ -134,6 +139,16 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 #else
         let cut = vec4f(0.0);
 #end
+#if contours
+        lagged.length = length_k;
+        var e = u32(met);
+        loop {
+            lagged.front = lagged.back;
+            lagged.back = gradient_at(first + (piece_end(k + e, steps) - lag) * stride);
+            e += 1u;
+            if e > 1u { break; }
+        }
+#end
         var ended = false;
         var j = u32(met);
         loop {
@@ -151,7 +166,11 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             var i = 0u;
             loop {
                 let share = 1.0 / f32(looks);
+#if contours
+                let stretch = Stretch(edge, next, f32(k), before, place, f32(i), share, lagged);
+#else
                 let stretch = Stretch(edge, next, f32(k), before, place, f32(i), share);
+#end
                 let found = seen(stretch, march, shows, cut);
                 let opacity = opacity_correct(found.alpha, exponent * (place - before) * share);
                 accumulated = composite(accumulated, found.style, select(opacity, 0.0, j == 0u));

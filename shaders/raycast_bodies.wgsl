@@ -83,6 +83,9 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     // The kind of brick, then the functions that may show something of the piece, then those that do.
     var shows: array<u32, MAX_BODIES>;
     var faces: array<vec4f, MAX_BODIES>;
+#if contours
+    var lags: array<Lagged, MAX_BODIES>;
+#end
     // At the part boundary that was reached last; `met`: the bodies for which it is the front of piece k.
     var edges: array<Edge, MAX_BODIES>;
     var met = 0u;
@@ -221,6 +224,12 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             ending &= ending - 1u;
             let middle = place_in(origins[b], directions[b], begin + piece_middle(k, steps) * step);
             faces[b] = cut_face(middle, fronts[b], backs[b], faces_of(shows[b], b), pose_of(b));
+#if contours
+            let before_front = begin + f32(k) * step - object.reference_length;
+            let before_back = begin + piece_end(k + 1u, steps) * step - object.reference_length;
+            lags[b] = Lagged(gradient_at(place_in(origins[b], directions[b], before_front)),
+                gradient_at(place_in(origins[b], directions[b], before_back)), length_k);
+#end
             if ending == 0u { break; }
         }
         var j = u32(visible != 0u && (visible & ~met) == 0u);
@@ -248,7 +257,11 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 var part_of = 0.0;
                 var n = 0u;
                 loop {
+#if contours
+                    let stretch = Stretch(edge, next, f32(k), before, place, f32(n), share, lags[b]);
+#else
                     let stretch = Stretch(edge, next, f32(k), before, place, f32(n), share);
+#end
                     let found = seen(stretch, march, shown_layers(shows[b]), faces[b]);
                     own = composite(own, found.style, opacity_correct(found.alpha, exponent_j * share));
 #if meetings

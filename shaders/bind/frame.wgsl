@@ -17,12 +17,14 @@ struct Frame {
     forward_dx: vec3f,
     footprint_growth: f32,
     forward_dy: vec3f,
-    pad0: f32,
+    // Smallest spacing of the object's voxels, mm.
+    voxel_mm: f32,
     // Unit camera axes in the world.
     right: vec3f,
-    pad1: f32,
+    // Pixels in a figure point.
+    pixels_per_pt: f32,
     up: vec3f,
-    pad2: f32,
+    pad0: f32,
     // Size of the whole picture and the first pixel of this tile.
     image_size: vec2u,
     tile_origin: vec2u,

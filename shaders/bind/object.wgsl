@@ -35,9 +35,13 @@ struct Object {
     looks_per_turn: f32,
     // Coordinate from which on values belong to the upper side of the transfer function's jump; above 1: it has none.
     jump: f32,
+    // Width of contours, figure points.
+    contour_pt: f32,
+    // 1: opacity is modulated as in eq. 3.2.
+    transparency: f32,
     pad0: f32,
-    pad1: f32,
-    pad2: f32,
+    // Color of contours; w: 1, or 0 where it is that of the style's rim.
+    ink: vec4f,
 }
 
 @group(1) @binding(0) var<uniform> object: Object;

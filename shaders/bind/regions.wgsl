@@ -21,6 +21,6 @@ struct Regions {
 @group(1) @binding(13) var entries: texture_2d<u32>;
 // Memberships of bricks of 8³ voxels and of the voxels around them: 10³ texels a slot.
 @group(1) @binding(14) var atlas: texture_3d<f32>;
-// Two texels a look, row by row: tint, and 1 + opacity, negative if there is no tint; then layer, object's d₀ / its d₀, row of
-// node_layers.
+// Three texels a look, row by row: tint, and 1 + opacity, negative if there is no tint; layer, object's d₀ / its d₀, row of
+// node_layers, width of contours in figure points; the color of these, and 1 if that is their own, plus 2 if opacity is modulated.
 @group(1) @binding(15) var region_looks: texture_2d<f32>;

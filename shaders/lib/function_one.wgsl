@@ -2,7 +2,19 @@
 #import bind/object
 
 fn only_function() -> Function {
-    return Function(object.transfer_first, object.transfer_scale, object.jump, object.last_node,
-        vec3f(object.extinction_below, object.node_below, object.middle_below),
-        vec3f(object.extinction_above, object.node_above, object.middle_above), 0u, 0u);
+    var function: Function;
+    function.first = object.transfer_first;
+    function.scale = object.transfer_scale;
+    function.jump = object.jump;
+    function.last_node = object.last_node;
+    function.below = vec3f(object.extinction_below, object.node_below, object.middle_below);
+    function.above = vec3f(object.extinction_above, object.node_above, object.middle_above);
+#if contours
+    function.contour_pt = object.contour_pt;
+    function.ink = object.ink;
+#end
+#if transparency
+    function.transparency = object.transparency;
+#end
+    return function;
 }

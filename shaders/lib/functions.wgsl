@@ -4,7 +4,16 @@
 
 fn function_of_layer(layer: u32, row: u32) -> Function {
     let l = functions.layers[layer];
-    return Function(l.first, l.scale, l.jump, l.last_node, l.below, l.above, layer, row);
+    var function: Function;
+    function.first = l.first;
+    function.scale = l.scale;
+    function.jump = l.jump;
+    function.last_node = l.last_node;
+    function.below = l.below;
+    function.above = l.above;
+    function.layer = layer;
+    function.row = row;
+    return function;
 }
 
 // Of the functions that a kind of brick has, those that may show something between two values, a bit each: never none where one

@@ -1,5 +1,14 @@
 // Gradient: central differences, one voxel apart, of the (prefiltered) gradient volume.
 #import bind/object
+#import {pose}
+
+// What is kept of how the data change at a place: ĝ of the volume at rest.
+alias Slope = vec3f;
+
+// ĝ in a body.
+fn change_of(slope: Slope, pose: Pose) -> vec3f {
+    return turned(slope, pose);
+}
 
 // ĝ = ‖g‖/G as a vector in the world.
 fn gradient_at(p: vec3f) -> vec3f {

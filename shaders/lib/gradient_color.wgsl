@@ -1,10 +1,20 @@
 // How a color changes: central differences, one voxel apart, of the (smoothed) premultiplied linear RGBA.
 #import bind/colors
 #import bind/object
+#import lib/strongest_change
+#import {pose}
 
 // What a channel counts for in the distance of two colors: the root mean square of the three of light, and alpha as much as
 // all of them.
 const COLOR_DISTANCE: vec4f = vec4f(0.57735027, 0.57735027, 0.57735027, 1.0);
+
+// What is kept of how the data change at a place: the channels' gradients.
+alias Slope = mat3x4f;
+
+// ĝ in a body.
+fn change_of(slope: Slope, pose: Pose) -> vec3f {
+    return turned(strongest_change(slope), pose);
+}
 
 // Columns: change per world axis, as a share of G.
 fn gradient_at(p: vec3f) -> mat3x4f {

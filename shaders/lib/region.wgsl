@@ -30,7 +30,7 @@ fn entry_of(index: u32) -> vec2u {
 
 // A texel of a look; 0 is the background's.
 fn look_texel(look: u32, texel: u32) -> vec4f {
-    let index = 2u * look + texel;
+    let index = 3u * look + texel;
     return textureLoad(region_looks, vec2u(index % LIST_WIDTH, index / LIST_WIDTH), 0);
 }
 

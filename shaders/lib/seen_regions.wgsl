@@ -7,6 +7,19 @@
 // Opacity that is 1 but for the rounding of shares.
 const OPAQUE: f32 = 0.999999;
 
+// A function with how a look draws it.
+fn drawn_as(function: Function, look: u32) -> Function {
+    var drawn = function;
+#if contours
+    drawn.contour_pt = look_texel(look, 1u).w;
+    drawn.ink = vec4f(look_texel(look, 2u).rgb, look_texel(look, 2u).w % 2.0);
+#end
+#if transparency
+    drawn.transparency = f32(look_texel(look, 2u).w >= 2.0);
+#end
+    return drawn;
+}
+
 fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
     let p = march.first + along(stretch, 0.5) * march.stride;
     let list = list_at(p);
@@ -29,12 +42,12 @@ fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
 #end
         let of_function = look_texel(look, 1u);
         let layer = u32(of_function.x);
-        let function = function_of_layer(layer, u32(of_function.z));
+        let function = drawn_as(function_of_layer(layer, u32(of_function.z)), look);
         let piece = classify_piece(function, value_at(stretch, 0.0), value_at(stretch, 1.0));
         let found = appearance(piece, function, stretch, march, cut);
         let color = found.style.rgb / max(found.style.a, 1e-30);
         let tint = look_texel(look, 0u);
-        let tinted = select(dot(LUMINANCE, color) * tint.rgb, color, tint.w < 0.0);
+        let tinted = inked(select(dot(LUMINANCE, color) * tint.rgb, color, tint.w < 0.0), found);
         let alpha = opacity_correct((abs(tint.w) - 1.0) * found.alpha, of_function.y);
         let weight = select(0.0, f * alpha, (shows >> layer & 1u) != 0u);
         shown += weight * vec4f(tinted, 1.0);

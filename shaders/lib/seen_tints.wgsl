@@ -8,6 +8,11 @@
 // Opacity that is 1 but for the rounding of shares.
 const OPAQUE: f32 = 0.999999;
 
+// What all looks show together, with what it has of a contour.
+fn inked_all(mixed: vec4f, found: Appearance) -> vec4f {
+    return vec4f(mixed.a * inked(mixed.rgb / max(mixed.a, 1e-30), found), mixed.a);
+}
+
 fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
     let p = march.first + along(stretch, 0.5) * march.stride;
     let list = list_at(p);
@@ -40,7 +45,7 @@ fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
     let found = appearance(piece, function, stretch, march, cut);
     let color = found.style.rgb / max(found.style.a, 1e-30);
     let share = (plain + tints.a) / max(wanted, 1.0);
-    let mixed = vec4f(plain * color + dot(LUMINANCE, color) * tints.rgb, plain + tints.a);
+    let mixed = inked_all(vec4f(plain * color + dot(LUMINANCE, color) * tints.rgb, plain + tints.a), found);
     let alpha = share * found.alpha;
 #if meetings
     return Seen(mixed, select(alpha, 1.0, alpha > OPAQUE), present / max(wanted, 1.0));

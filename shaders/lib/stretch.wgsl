@@ -8,6 +8,12 @@
 #import {gradient}
 #import {pose}
 #import {no_data}
+#if contours
+#import lib/contour
+#end
+#if transparency
+#import lib/modulated
+#end
 #if colors
 #import lib/seen_color
 #import lib/strongest_change
@@ -45,7 +51,25 @@ struct Stretch {
     place: f32,
     index: f32,
     share: f32,
+#if contours
+    // What κ_v is measured against.
+    lagged: Lagged,
+#end
 }
+
+#if contours
+// How the data change a lag before the front and the back of a piece (ĝ at rest, or the colors' change), and its length in steps.
+struct Lagged {
+    front: Slope,
+    back: Slope,
+    length: f32,
+}
+
+// ĝ a lag before a place, in steps from the piece's front.
+fn slope_before(lagged: Lagged, steps: f32, pose: Pose) -> vec3f {
+    return change_of(lagged.front + steps / lagged.length * (lagged.back - lagged.front), pose);
+}
+#end
 
 // What all stretches of a ray through a body have in common.
 struct March {
@@ -77,6 +101,25 @@ struct Seen {
 #end
 }
 
+// The same of one look, before its tint.
+struct Appearance {
+    style: vec4f,
+    alpha: f32,
+#if contours
+    // The color of a contour, and its share of what is seen.
+    ink: vec4f,
+#end
+}
+
+// The straight color `color` of what is seen, with what it has of a contour's.
+fn inked(color: vec3f, found: Appearance) -> vec3f {
+#if contours
+    return mix(color, found.ink.rgb, found.ink.w);
+#else
+    return color;
+#end
+}
+
 // The value a share `w` (0 … 1) of the stretch's way behind its front.
 fn value_at(stretch: Stretch, w: f32) -> f32 {
     return mix(stretch.edge.value, stretch.next.value, (stretch.index + w) * stretch.share);
@@ -98,7 +141,7 @@ fn along(stretch: Stretch, w: f32) -> f32 {
 }
 
 // What a look shows of the stretch as which `piece` classifies it. `cut`: normal and weight of a face where a region ends.
-fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, cut: vec4f) -> Seen {
+fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, cut: vec4f) -> Appearance {
     let w = piece.middle / max(piece.extinction, 1e-30);
     let steps = along(stretch, w);
     let p = march.first + steps * march.stride;
@@ -111,16 +154,42 @@ fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, 
 #else
     let face = face_normal(p, march.pose);
 #end
-    let style = shade(node, function.last_node, function.row, slope, face, march.direction, march.axes, level);
+    let outward = surface_normal(slope, face);
+    var n_xy = style_normal(outward, march.direction, march.axes);
+#if contours
+    let depth = march.depth + steps * march.depth_per_step;
+    let pixel_mm = (frame.footprint + depth * frame.footprint_growth) * frame.voxel_mm;
+    let width_mm = function.contour_pt * frame.pixels_per_pt * pixel_mm;
+    let before = slope_before(stretch.lagged, steps - stretch.piece, march.pose);
+    let bend = curvature(slope, before, face.w, object.reference_length);
+    let extent = contour_extent(width_mm, bend);
+    let facing = facing_of(outward, march.direction);
+    let covered = select(0.0, contour_coverage(width_mm, bend, facing, pixel_mm), function.ink.w > 0.0 && width_mm > 0.0);
+    n_xy = select(pushed_out(n_xy, facing, extent), n_xy, function.ink.w > 0.0);
+#else
+    let extent = 0.0;
+#end
+    let style = shade(node, function.last_node, function.row, n_xy, steepness(slope, face), level);
 #if colors
-    let colored = tint(style, seen_color(p, function));
+    let voxel = seen_color(p, function);
+    let colored = tint(style, voxel);
+    let voxel_alpha = voxel.a;
 #else
     let colored = style;
+    let voxel_alpha = 1.0;
 #end
-    let alpha = colored.a * one_minus_exp(-piece.extinction) * validity_at(p);
-#if meetings
-    return Seen(colored, alpha, 1.0);
+#if transparency
+    let plain = one_minus_exp(-piece.extinction);
+    let shifted = modulated(plain, facing_of(outward, march.direction), extent, length(slope));
+    let alpha_u = select(plain, shifted, function.transparency > 0.0);
 #else
-    return Seen(colored, alpha);
+    let alpha_u = one_minus_exp(-piece.extinction);
+#end
+#if contours
+    let alpha_d = mix(style.a, 1.0, covered);
+    let ink = vec4f(function.ink.rgb, covered / max(alpha_d, 1e-30));
+    return Appearance(colored, alpha_d * voxel_alpha * alpha_u * validity_at(p), ink);
+#else
+    return Appearance(colored, colored.a * alpha_u * validity_at(p));
 #end
 }

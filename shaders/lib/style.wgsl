@@ -33,7 +33,12 @@ fn style_level(depth: f32, pose: Pose) -> f32 {
 // `face`: normal of the box's face and its weight.
 fn surface_normal(g: vec3f, face: vec4f) -> vec3f {
     let blend = mix(-g / max(length(g), 1e-30), face.xyz, face.w);
-    return smoothstep(NO_SURFACE, SURFACE, steepness(g, face)) / max(length(blend), 1e-30) * blend;
+    return surface_strength(steepness(g, face)) / max(length(blend), 1e-30) * blend;
+}
+
+// How much of a surface a ‖ĝ‖ is.
+fn surface_strength(steepness: f32) -> f32 {
+    return smoothstep(NO_SURFACE, SURFACE, steepness);
 }
 
 // ‖ĝ‖, or what a face of the volume makes of it: a face is a sharp surface.
@@ -41,14 +46,23 @@ fn steepness(g: vec3f, face: vec4f) -> f32 {
     return max(length(g), face.w * SHARP_SURFACE);
 }
 
-// Premultiplied color and α_d of a node coordinate (of nodes 0 … last_node, whose styles are in a row of `node_layers`) at a
-// sample with gradient ĝ near a face.
-fn shade(node: f32, last_node: f32, row: u32, g: vec3f, face: vec4f, ray: vec3f, axes: Axes, level: f32) -> vec4f {
-    let outward = surface_normal(g, face);
+// |n·v| of a surface normal: 1 where there is no surface.
+fn facing_of(outward: vec3f, ray: vec3f) -> f32 {
+    return 1.0 - length(outward) + abs(dot(outward, ray));
+}
+
+// n_xy of an outward normal.
+fn style_normal(outward: vec3f, ray: vec3f, axes: Axes) -> vec2f {
     // Towards the eye: the whole vector, not only its depth.
     let n = select(outward, -outward, dot(outward, ray) > 0.0);
-    let uv = style_uv(vec2f(dot(n, axes.right), dot(n, axes.up)));
-    let blurred = level + NOISE_LEVELS * (1.0 - smoothstep(0.0, SHARP_SURFACE, steepness(g, face)));
+    return vec2f(dot(n, axes.right), dot(n, axes.up));
+}
+
+// Premultiplied color and α_d of a node coordinate (of nodes 0 … last_node, whose styles are in a row of `node_layers`), where the
+// surface's ‖ĝ‖ is `steepness`.
+fn shade(node: f32, last_node: f32, row: u32, n_xy: vec2f, steepness: f32, level: f32) -> vec4f {
+    let uv = style_uv(n_xy);
+    let blurred = level + NOISE_LEVELS * (1.0 - smoothstep(0.0, SHARP_SURFACE, steepness));
     // Rounding must not reach past the outermost nodes.
     let within = clamp(node, 0.0, last_node);
     let first = floor(within);

@@ -18,6 +18,15 @@ struct Function {
     // Layer of its table, and row of its nodes' styles.
     layer: u32,
     row: u32,
+#if contours
+    // Width of its contours in figure points, and their color; w: 1, or 0 where it is that of the style's rim.
+    contour_pt: f32,
+    ink: vec4f,
+#end
+#if transparency
+    // 1: opacity is modulated as in eq. 3.2.
+    transparency: f32,
+#end
 }
 
 // Place in the table, in entries, of coordinates 0 … 1. A jump of the transfer function has an entry for either side.

@@ -130,10 +130,10 @@ fn edits(context: &GpuContext) {
     let mut regions = vec![Region {
         name: "painted".to_owned(),
         selection: Selection::empty(grid, &Arc::default()),
-        look: Look::plain(fabrica_engine::scene::StyleTransferFunction {
-            nodes: vec![fabrica_engine::scene::TransferFunctionNode { value: 0.0, style: 0, opacity: 1.0 }],
-            reference_length_mm: 1.0,
-        }),
+        look: Look::plain(fabrica_engine::scene::StyleTransferFunction::new(
+            vec![fabrica_engine::scene::TransferFunctionNode { value: 0.0, style: 0, opacity: 1.0 }],
+            1.0,
+        )),
         moved: None,
     }];
     let mut resident = ResidentRegions::upload(context, &regions, &Progress::new()).unwrap();

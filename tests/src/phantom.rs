@@ -79,7 +79,7 @@ pub fn scene(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality)
     Scene {
         objects: vec![Object {
             volume: volume.clone(),
-            transfer_function: StyleTransferFunction { nodes, reference_length_mm: 1.0 },
+            transfer_function: StyleTransferFunction::new(nodes, 1.0),
             regions: Vec::new(),
             gradient_scale_mm: volume.grid.spacing_mm().min_element(),
         }],
@@ -87,6 +87,7 @@ pub fn scene(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality)
         camera: camera(volume, DVec3::new(0.3, 1.0, 0.2), Projection::Perspective { fov_y_deg: 20.0 }),
         background: Background::Transparent,
         quality,
+        page_height_mm: 25.4,
     }
 }
 
@@ -134,7 +135,7 @@ pub fn function(scene: &mut Scene, nodes: &[(f64, &str, f64)], reference_length_
         });
         TransferFunctionNode { value, style: position, opacity }
     });
-    StyleTransferFunction { nodes: nodes.collect(), reference_length_mm }
+    StyleTransferFunction::new(nodes.collect(), reference_length_mm)
 }
 
 /// Adds a region to the scene's object.

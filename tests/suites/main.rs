@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod colors;
+mod contours;
 mod dicom;
 mod estimate;
 mod extremes;

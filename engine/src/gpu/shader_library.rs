@@ -26,6 +26,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/bodies_few",
     "lib/bodies_many",
     "lib/composite",
+    "lib/contour",
     "lib/cut_face",
     "lib/face",
     "lib/fullscreen",
@@ -34,6 +35,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/gradient",
     "lib/gradient_color",
     "lib/meeting",
+    "lib/modulated",
     "lib/opacity",
     "lib/parts",
     "lib/pose_moved",
@@ -85,6 +87,10 @@ pub struct RaycastKey {
     pub many_bodies: bool,
     /// There are intersection transfer functions; never without `bodies`.
     pub meetings: bool,
+    /// Contours are drawn.
+    pub contours: bool,
+    /// Opacity is modulated as in eq. 3.2.
+    pub transparency: bool,
     /// The pass goes on where another one had to stop; always with `bodies`, of which hardly any ray is done in one.
     pub resumed: bool,
 }
@@ -105,6 +111,8 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.bodies { " bodies" } else { "" })?;
         f.write_str(if self.many_bodies { " many" } else { "" })?;
         f.write_str(if self.meetings { " meetings" } else { "" })?;
+        f.write_str(if self.contours { " contours" } else { "" })?;
+        f.write_str(if self.transparency { " transparency" } else { "" })?;
         f.write_str(if self.resumed { " resumed" } else { "" })
     }
 }
@@ -114,7 +122,11 @@ impl RaycastKey {
     pub fn all() -> impl Iterator<Item = Self> {
         // No regions; regions with one function and several; the same with faces; with bodies; with meetings; with many bodies and
         // with both.
-        let all = (0..13 * 48).map(|n| Self {
+        let drawn = [(false, false), (true, false), (false, true), (true, true)];
+        let all = drawn.into_iter().flat_map(|drawn| (0..13 * 48).map(move |n| (drawn, n)));
+        let all = all.map(|((contours, transparency), n)| Self {
+            contours,
+            transparency,
             filtered: n & 1 == 0,
             table_filtered: n & 2 == 0,
             no_data: n & 4 != 0,
@@ -156,6 +168,8 @@ impl RaycastKey {
             "functions" => Some(self.functions),
             "cuts" => Some(self.cuts),
             "meetings" => Some(self.meetings),
+            "contours" => Some(self.contours),
+            "transparency" => Some(self.transparency),
             _ => None,
         };
         assemble(if self.bodies { "raycast_bodies" } else { "raycast" }, &choose, &has)

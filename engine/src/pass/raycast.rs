@@ -53,11 +53,11 @@ pub struct FrameUniform {
     forward_dx: [f32; 3],
     footprint_growth: f32,
     forward_dy: [f32; 3],
-    pad0: f32,
+    voxel_mm: f32,
     right: [f32; 3],
-    pad1: f32,
+    pixels_per_pt: f32,
     up: [f32; 3],
-    pad2: f32,
+    pad0: f32,
     image_size: [u32; 2],
     tile_origin: [u32; 2],
     pieces: [u32; 2],
@@ -91,9 +91,10 @@ pub struct ObjectUniform {
     face_z: [f32; 3],
     looks_per_turn: f32,
     jump: f32,
+    contour_pt: f32,
+    transparency: f32,
     pad0: f32,
-    pad1: f32,
-    pad2: f32,
+    ink: [f32; 4],
 }
 }
 
@@ -129,7 +130,8 @@ impl NearPlane {
 
 impl FrameUniform {
     /// Of a picture of `image_size` pixels.
-    pub fn new(camera: &Camera, grid: &Grid, near: &NearPlane, quality: &Quality, image_size: [u32; 2]) -> Self {
+    pub fn new(scene: &Scene, grid: &Grid, near: &NearPlane, image_size: [u32; 2]) -> Self {
+        let (camera, quality) = (&scene.camera, &scene.quality);
         let to_index = |v: DVec3| grid.index_from_world().transform_vector3(v).as_vec3().to_array();
         let spread = match camera.projection {
             Projection::Perspective { .. } => camera.half_height(),
@@ -150,11 +152,11 @@ impl FrameUniform {
             forward_dx: (spread * camera.right).as_vec3().to_array(),
             footprint_growth: (growth / voxel) as f32,
             forward_dy: (spread * camera.up).as_vec3().to_array(),
-            pad0: 0.0,
+            voxel_mm: voxel as f32,
             right: camera.right.as_vec3().to_array(),
-            pad1: 0.0,
+            pixels_per_pt: (1.0 / scene.pixel_pt(image_size[1])) as f32,
             up: camera.up.as_vec3().to_array(),
-            pad2: 0.0,
+            pad0: 0.0,
             image_size,
             tile_origin: [0, 0],
             pieces: [0, u32::MAX],
@@ -340,6 +342,8 @@ impl RaycastPass {
             bodies: false,
             many_bodies: false,
             meetings: false,
+            contours: object.has_contours(),
+            transparency: object.has_illustrative_transparency(),
             resumed: false,
         };
         let device = &context.device;
@@ -441,7 +445,7 @@ impl RaycastPass {
             bytemuck::cast_slice(&layers),
         );
         Bound {
-            uniform: object_uniform(scene, object, resident, &table),
+            uniform: object_uniform(scene, object, resident, &table, &object.transfer_function),
             skip_map,
             transfer_function,
             node_layers: node_layers.create_view(&Default::default()),
@@ -495,7 +499,7 @@ impl RaycastPass {
         });
         let [directory, entries, atlas] = regions.views();
         Ok(Bound {
-            uniform: object_uniform(scene, object, resident, looks.table()),
+            uniform: object_uniform(scene, object, resident, looks.table(), &looks.function),
             skip_map: looks.skip_map(),
             transfer_function: looks.tables.clone(),
             node_layers: looks.node_layers.clone(),
@@ -514,10 +518,7 @@ impl RaycastPass {
     /// The frame uniform for an object, before it is narrowed to a tile.
     pub fn frame(&self, scene: &Scene, object: &RaycastObject, image_size: [u32; 2]) -> FrameUniform {
         let pieces = [0, object.units_per_pass];
-        FrameUniform {
-            pieces,
-            ..FrameUniform::new(&scene.camera, &object.grid, &object.near, &scene.quality, image_size)
-        }
+        FrameUniform { pieces, ..FrameUniform::new(scene, &object.grid, &object.near, image_size) }
     }
 
     /// Records the drawing of one tile into the lower-index corner of `target`. `gathered`: what the passes before have
@@ -656,8 +657,15 @@ pub(super) fn in_steps(length: f64) -> f64 {
     ((length.log2() * 64.0).round() / 64.0).exp2()
 }
 
-/// `table`: that of the only function from value to opacity; several have their own parameters.
-fn object_uniform(scene: &Scene, object: &Object, resident: &ResidentVolume, table: &TransferTable) -> ObjectUniform {
+/// `function`: the only one, with its `table`; several have their own parameters.
+fn object_uniform(
+    scene: &Scene,
+    object: &Object,
+    resident: &ResidentVolume,
+    table: &TransferTable,
+    function: &StyleTransferFunction,
+) -> ObjectUniform {
+    let drawn = Drawn::of(function);
     let grid = &object.volume.grid;
     let column = |v: DVec3| v.as_vec3().to_array();
     let to_index = grid.index_from_world().matrix3;
@@ -690,9 +698,33 @@ fn object_uniform(scene: &Scene, object: &Object, resident: &ResidentVolume, tab
         face_z: column(faces.z_axis.normalize()),
         looks_per_turn: (1.0 / scene.largest_turn(object)) as f32,
         jump: table.jump as f32,
+        contour_pt: drawn.contour_pt,
+        transparency: f32::from(u8::from(drawn.transparency)),
         pad0: 0.0,
-        pad1: 0.0,
-        pad2: 0.0,
+        ink: drawn.ink,
+    }
+}
+
+/// How a function is drawn, as the shader has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Drawn {
+    /// Width of contours in figure points, 0 without any.
+    pub contour_pt: f32,
+    /// Their color; the last is 1, or 0 where they have that of the style's rim.
+    pub ink: [f32; 4],
+    /// Whether opacity is modulated as in eq. 3.2.
+    pub transparency: bool,
+}
+
+impl Drawn {
+    pub fn of(function: &StyleTransferFunction) -> Self {
+        let color = function.contours.and_then(|contours| contours.color);
+        let [r, g, b] = color.unwrap_or_default();
+        Self {
+            contour_pt: function.contours.map_or(0.0, |contours| contours.width_pt as f32),
+            ink: [r, g, b, f32::from(u8::from(color.is_some()))],
+            transparency: function.illustrative_transparency,
+        }
     }
 }
 

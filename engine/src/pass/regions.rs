@@ -4,7 +4,7 @@
 use std::sync::{Arc, Weak};
 
 use super::places::{MAX_KINDS, Places, Showing};
-use super::raycast::{in_steps, small_texture, uniform};
+use super::raycast::{Drawn as DrawnFunction, in_steps, small_texture, uniform};
 use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::error::Result;
 use crate::gpu::context::GpuContext;
@@ -66,7 +66,9 @@ pub struct RegionLooks {
     drawn: Drawn,
     /// Some looks are more opaque than others.
     pub cuts: bool,
-    /// Two texels a look, the looks of each body one after the other.
+    /// The function of what shows first: the only one, where there are not several.
+    pub function: StyleTransferFunction,
+    /// Three texels a look, the looks of each body one after the other.
     pub region_looks: wgpu::TextureView,
     /// The styles of the nodes, a row for each different list of them.
     pub node_layers: wgpu::TextureView,
@@ -197,6 +199,7 @@ impl RegionLooks {
         let d0 = object.reference_length_mm();
         let mut texels: Vec<[f32; 4]> = Vec::new();
         let mut bits = Vec::new();
+        let mut is_drawn_alike = true;
         // A look that shows nothing has whatever function another one has.
         let visible = all().flatten().find(|look| shows(look)).map_or(&background, |look| *look);
         for look in all() {
@@ -217,7 +220,11 @@ impl RegionLooks {
             let tint = look.and_then(|look| look.tint);
             let ([r, g, b], opacity) = (tint.unwrap_or_default(), 1.0 + opacity as f32);
             texels.push([r, g, b, if tint.is_some() { opacity } else { -opacity }]);
-            texels.push([layer as f32, lengths as f32, row as f32, 0.0]);
+            let drawn = DrawnFunction::of(function);
+            is_drawn_alike &= drawn == DrawnFunction::of(&visible.transfer_function);
+            let [r, g, b, own] = drawn.ink;
+            texels.push([layer as f32, lengths as f32, row as f32, drawn.contour_pt]);
+            texels.push([r, g, b, own + if drawn.transparency { 2.0 } else { 0.0 }]);
         }
         let factor = |look: &Option<&Look>| look.filter(|look| shows(look)).map_or(0.0, |look| look.opacity);
         let cuts = layers.len() > 1 || all().any(|look| factor(look) != factor(&shown[0][0]));
@@ -236,7 +243,7 @@ impl RegionLooks {
         let uint = wgpu::TextureFormat::R32Uint;
         let node_layers = small_texture(context, "node layers", node_size, two, uint, bytemuck::cast_slice(&nodes));
         let entries: Vec<[f32; 4]> = layers.iter().flat_map(|t| &t.entries).copied().collect();
-        let has_functions = layers.len() > 1 || rows.len() > 1;
+        let has_functions = layers.len() > 1 || rows.len() > 1 || !is_drawn_alike;
         let table_size = extent([TABLE_SIZE, TABLE_SIZE, layers.len()]);
         let made = small_texture(context, "transfer functions", table_size, two, float, bytemuck::cast_slice(&entries));
         let functions = has_functions.then(|| {
@@ -257,6 +264,7 @@ impl RegionLooks {
             leaps,
             drawn: Drawn::of(object),
             cuts,
+            function: visible.transfer_function.clone(),
             region_looks: plain(small_texture(context, "region looks", extent(three), two, float, texels)),
             node_layers: plain(node_layers),
             tables: if has_functions { arrays(&made) } else { plain(made) },
@@ -336,7 +344,7 @@ impl RegionLooks {
         let num_bodies = self.drawn.bodies.len() as u32;
         if num_bodies == 1 {
             // Those of the march, of the layers that are asked whether they show the piece, and of each part.
-            return [6 + own, look];
+            return [8 + own, look];
         }
         // For each body in a piece: before what is its own, the loops over all of them, which are gone through up to three times until
         // it is known what shows: stretches, leaps, values, and what is taken over.

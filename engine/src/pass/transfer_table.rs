@@ -255,7 +255,7 @@ mod tests {
 
     fn function(nodes: &[(f64, f64)]) -> StyleTransferFunction {
         let node = |&(value, opacity): &(f64, f64)| TransferFunctionNode { value, style: 0, opacity };
-        StyleTransferFunction { nodes: nodes.iter().map(node).collect(), reference_length_mm: 1.0 }
+        StyleTransferFunction::new(nodes.iter().map(node).collect(), 1.0)
     }
 
     fn entry(table: &TransferTable, front: f64, back: f64) -> [f32; 4] {
@@ -356,7 +356,7 @@ mod against_quadrature {
             &[(380.0, 0.0), (480.0, 0.95), (1400.0, 1.0), (1700.0, 1.0)],
         ];
         for nodes in functions {
-            let function = StyleTransferFunction { nodes: nodes.iter().map(node).collect(), reference_length_mm: 1.0 };
+            let function = StyleTransferFunction::new(nodes.iter().map(node).collect(), 1.0);
             for lengths in [0.5, 2.0] {
                 let plain = Encoding { offset: 0.0, scale: 1.0 };
                 let table = TransferTable::new(&function, Rescale::IDENTITY, plain, (-1000.0, 3000.0), lengths);

@@ -228,7 +228,7 @@ fn region(
     let grid = drawn.objects[0].volume.grid;
     let mut selection = Selection::empty(grid, &Arc::new(BrickPool::default()));
     selection.change(grid.dims().map(|n| [0, n]), |p, _| membership(p));
-    let transfer_function = StyleTransferFunction { nodes, reference_length_mm: 1.0 };
+    let transfer_function = StyleTransferFunction::new(nodes, 1.0);
     Region { name: name.to_owned(), selection, look: Look::plain(transfer_function), moved: None }
 }
 

@@ -10,6 +10,7 @@
 
 pub mod bodies;
 pub mod color;
+pub mod contour;
 pub mod opacity;
 pub mod piece;
 pub mod ray;
@@ -204,6 +205,8 @@ fn prepare<'a>(scene: &'a Scene, object: &'a Object) -> Result<Prepared<'a>> {
         bodies: prepare_bodies(object),
         reference_length_mm: object.reference_length_mm(),
         styles: &scene.styles,
+        has_contours: object.has_contours(),
+        page_height_pt: scene.page_height_mm / 25.4 * 72.0,
     })
 }
 

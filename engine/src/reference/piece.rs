@@ -68,7 +68,7 @@ mod tests {
 
     fn ramp() -> StyleTransferFunction {
         let node = |value, opacity| TransferFunctionNode { value, style: 0, opacity };
-        StyleTransferFunction { nodes: vec![node(0.0, 0.0), node(100.0, 0.9)], reference_length_mm: 1.0 }
+        StyleTransferFunction::new(vec![node(0.0, 0.0), node(100.0, 0.9)], 1.0)
     }
 
     #[test]

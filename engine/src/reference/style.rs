@@ -106,8 +106,19 @@ pub fn face_normal(grid: &Grid, p: DVec3) -> Face {
 pub fn surface_normal(gradient: DVec3, face: Face) -> DVec3 {
     let outward = -gradient.normalize_or_zero();
     let outward = (outward + face.weight * (face.normal - outward)).normalize_or_zero();
-    let x = ((steepness(gradient, face) - NO_SURFACE) / (SURFACE - NO_SURFACE)).clamp(0.0, 1.0);
-    x * x * (3.0 - 2.0 * x) * outward
+    surface_strength(steepness(gradient, face)) * outward
+}
+
+/// How much of a surface a ‖ĝ‖ is: 0 for noise, 1 for a surface.
+pub fn surface_strength(steepness: f64) -> f64 {
+    let x = ((steepness - NO_SURFACE) / (SURFACE - NO_SURFACE)).clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}
+
+/// |n·v| of a surface normal: 1 where there is no surface.
+pub fn facing(gradient: DVec3, face: Face, direction: DVec3) -> f64 {
+    let normal = surface_normal(gradient, face);
+    1.0 - normal.length() + normal.dot(direction).abs()
 }
 
 /// n_xy: the right and up components, in the ray's frame, of the surface normal, turned towards the viewer.
@@ -130,6 +141,15 @@ pub fn style_uv(n_xy: [f64; 2], size: usize) -> [f64; 2] {
     [0.5 + n_xy[0] / length * radius, 0.5 - n_xy[1] / length * radius]
 }
 
+/// How much of the world a pixel covers at `depth_mm` along the view axis from the eye, mm. `image_height` in pixels.
+pub fn pixel_mm(camera: &Camera, image_height: u32, depth_mm: f64) -> f64 {
+    let height_mm = match camera.projection {
+        Projection::Perspective { fov_y_deg } => 2.0 * (fov_y_deg.to_radians() / 2.0).tan() * depth_mm,
+        Projection::Orthographic { height_mm } => height_mm,
+    };
+    height_mm / f64::from(image_height)
+}
+
 /// λ: the mip level of a style, not yet limited to the levels there are. `image_height` in pixels, `depth_mm` along the
 /// view axis from the eye, `smallest_spacing_mm` of the volume, `normalized_gradient` = ‖ĝ‖.
 pub fn style_level(
@@ -139,10 +159,7 @@ pub fn style_level(
     smallest_spacing_mm: f64,
     normalized_gradient: f64,
 ) -> f64 {
-    let pixel_mm = match camera.projection {
-        Projection::Perspective { fov_y_deg } => 2.0 * (fov_y_deg.to_radians() / 2.0).tan() * depth_mm,
-        Projection::Orthographic { height_mm } => height_mm,
-    } / f64::from(image_height);
+    let pixel_mm = pixel_mm(camera, image_height, depth_mm);
     let s = (normalized_gradient / SHARP).clamp(0.0, 1.0);
     let sharpness = s * s * (3.0 - 2.0 * s);
     (pixel_mm / smallest_spacing_mm).max(1.0).log2() + BLUR_LEVELS * (1.0 - sharpness)
@@ -225,10 +242,10 @@ mod tests {
 
     #[test]
     fn classify_between_outside_and_on_a_jump() {
-        let function = StyleTransferFunction {
-            nodes: vec![node(0.0, 3, 0.0), node(8.0, 1, 1.0), node(8.0, 2, 0.25), node(20.0, 0, 0.5)],
-            reference_length_mm: 1.0,
-        };
+        let function = StyleTransferFunction::new(
+            vec![node(0.0, 3, 0.0), node(8.0, 1, 1.0), node(8.0, 2, 0.25), node(20.0, 0, 0.5)],
+            1.0,
+        );
         let class = |v| classify(&function, v);
         assert_eq!(class(-5.0), Classification { opacity: 0.0, styles: [3, 3], weight: 0.0, node: 0.0 });
         assert_eq!(class(2.0), Classification { opacity: 0.25, styles: [3, 1], weight: 0.25, node: 0.25 });

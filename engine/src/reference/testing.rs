@@ -60,7 +60,7 @@ pub(crate) fn scene(
     styles: Vec<StyleImage>,
     camera: Camera,
 ) -> Scene {
-    let transfer_function = StyleTransferFunction { nodes, reference_length_mm: 1.0 };
+    let transfer_function = StyleTransferFunction::new(nodes, 1.0);
     Scene {
         objects: vec![Object {
             volume: Arc::new(volume),
@@ -72,6 +72,7 @@ pub(crate) fn scene(
         camera,
         background: Background::Transparent,
         quality: Quality::FINAL,
+        page_height_mm: 25.4,
     }
 }
 

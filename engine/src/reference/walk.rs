@@ -6,14 +6,15 @@ use glam::{DMat3, DVec3, DVec4};
 
 use super::bodies::{Interval, PreparedBody, Shown, combine, intervals};
 use super::color::{Jacobian, luminance};
+use super::contour::{coverage, curvature, extent, modulated, pushed};
 use super::opacity::opacity_correct;
 use super::piece::{Piece, classify_piece};
 use super::ray::{Ray, Samples};
 use super::region::{Look, cut_face, joined, shares, where_flat};
 use super::sample::{Lattice, gradient_at, sample_volume, trilinear};
 use super::style::{
-    Classification, Face, RayFrame, at_node, classify, face_normal, ray_frame, shade, steepness, style_level,
-    style_normal, surface_normal,
+    Classification, Face, RayFrame, at_node, classify, face_normal, facing, pixel_mm, ray_frame, shade, steepness,
+    style_level, style_normal, surface_normal,
 };
 use crate::scene::quality::PARTS;
 use crate::scene::{Camera, Quality};
@@ -45,6 +46,10 @@ pub struct Prepared<'a> {
     pub reference_length_mm: f64,
     /// What the transfer function's nodes refer to.
     pub styles: &'a [Arc<StyleImage>],
+    /// Whether any look draws contours.
+    pub has_contours: bool,
+    /// Height of the whole picture on the page, in figure points.
+    pub page_height_pt: f64,
 }
 
 /// The colors of a volume, premultiplied linear RGBA.
@@ -100,6 +105,17 @@ pub struct March {
 pub fn composite(front: [f64; 4], back: [f64; 4]) -> [f64; 4] {
     let clear = 1.0 - front[3];
     std::array::from_fn(|c| front[c] + clear * back[c])
+}
+
+/// Where a look is seen and as what.
+struct SeenAt {
+    /// Along the ray, mm.
+    t: f64,
+    class: Classification,
+    /// ĝ there, as the body lies.
+    gradient: DVec3,
+    /// ĝ a lag before, where contours are drawn.
+    before: Option<DVec3>,
 }
 
 /// One ray through a body of an object: all that its samples share.
@@ -175,15 +191,14 @@ impl<'a> Line<'a> {
         shown.truncate() / shown.w
     }
 
-    /// Straight linear color and opacity, for one reference length of the object, of what a look has at `t`.
-    fn appearance(
-        &self,
-        look: &Look<'_>,
-        t: f64,
-        class: &Classification,
-        gradient: DVec3,
-        cut: Face,
-    ) -> Option<([f64; 3], f64)> {
+    /// What κ_v is measured against at `t`: the slope a lag before, which is d₀. None where nobody asks.
+    fn slope_before(&self, t: f64) -> Option<Slope> {
+        self.object.has_contours.then(|| self.slope(t - self.object.reference_length_mm))
+    }
+
+    /// Straight linear color and opacity, for one reference length of the object, of what a look has there.
+    fn appearance(&self, look: &Look<'_>, seen: &SeenAt, cut: Face) -> Option<([f64; 3], f64)> {
+        let SeenAt { t, ref class, gradient, before } = *seen;
         if class.opacity <= 0.0 {
             return None;
         }
@@ -191,22 +206,52 @@ impl<'a> Line<'a> {
         let has_data = self.object.validity.as_ref().map_or(1.0, |validity| sample_volume(validity, p));
         let face = joined(self.face(t), where_flat(cut, gradient.length()));
         let n_xy = style_normal(gradient, face, self.ray.direction, &self.frame);
+        let facing = facing(gradient, face, self.ray.direction);
         let depth_mm = (self.ray.origin_mm + t * self.ray.direction - self.camera.eye_mm).dot(self.camera.forward);
         let steepness = steepness(gradient, face);
         let level = style_level(self.camera, self.image_height, depth_mm, self.body.spacing_mm, steepness);
+        let function = look.transfer_function;
+        // c, and of an ink of its own which it is and how much of it there is.
+        let (mut c, mut ink, mut n_xy) = (0.0, None, n_xy);
+        if let (Some(contours), Some(before)) = (function.contours, before) {
+            let pixel_mm = pixel_mm(self.camera, self.image_height, depth_mm);
+            let width_mm = contours.width_pt * pixel_mm * f64::from(self.image_height) / self.object.page_height_pt;
+            let curvature = curvature(gradient, before, face.weight, self.object.reference_length_mm);
+            c = extent(width_mm, curvature);
+            match contours.color {
+                Some(color) => {
+                    let covered = coverage(width_mm, curvature, facing, pixel_mm);
+                    ink = Some((DVec3::from_array(color.map(f64::from)), covered));
+                }
+                None => n_xy = pushed(n_xy, facing, c),
+            }
+        }
         let (style, alpha_d) = shade(self.object.styles, class, n_xy, level);
-        let (light, coverage) = match &self.object.colors {
+        let (light, voxel_alpha) = match &self.object.colors {
             None => (DVec3::from_array(style), 1.0),
             Some(colors) => {
-                let coverage = sample_volume(&colors.voxels, p).w;
-                if coverage <= 0.0 {
+                let voxel_alpha = sample_volume(&colors.voxels, p).w;
+                if voxel_alpha <= 0.0 {
                     return None;
                 }
-                (self.seen_color(colors, look, p) * luminance(style), coverage)
+                (self.seen_color(colors, look, p) * luminance(style), voxel_alpha)
             }
         };
-        let color = look.tint.map_or(light, |tint| tint * luminance(light.to_array()));
-        let alpha = look.opacity * alpha_d * class.opacity * has_data * coverage;
+        let mut color = look.tint.map_or(light, |tint| tint * luminance(light.to_array()));
+        let mut alpha_d = alpha_d;
+        if let Some((ink, covered)) = ink {
+            let inked = alpha_d + covered * (1.0 - alpha_d);
+            if inked > 0.0 {
+                color = ((1.0 - covered) * alpha_d * color + covered * ink) / inked;
+            }
+            alpha_d = inked;
+        }
+        let alpha_u = if function.illustrative_transparency {
+            modulated(class.opacity, facing, c, gradient.length())
+        } else {
+            class.opacity
+        };
+        let alpha = look.opacity * alpha_d * alpha_u * has_data * voxel_alpha;
         let lengths = self.object.reference_length_mm / look.transfer_function.reference_length_mm;
         Some((color.to_array(), opacity_correct(alpha, lengths)))
     }
@@ -221,19 +266,18 @@ impl<'a> Line<'a> {
         self.body.turned_face(cut_face(looks, self.at(t), &opacities, self.object.world_gradient_from_index))
     }
 
-    /// What shows of a stretch: of each look what `seen` says, which is where along the ray it is seen, as what, and with which
-    /// gradient. The looks share the place at `t` (mm); `cut` is the face that the regions make there. Straight color, opacity of a
+    /// What shows of a stretch: of each look what `seen` says. The looks share the place at `t` (mm); `cut` is the face that the regions make there. Straight color, opacity of a
     /// reference length, and what the looks have of the place.
-    fn see(&self, t: f64, seen: &[(f64, Classification, DVec3)], cut: Face) -> (DVec3, f64, f64) {
+    fn see(&self, t: f64, seen: &[SeenAt], cut: Face) -> (DVec3, f64, f64) {
         let looks = &self.body.looks;
         let mut shown = [0.0; 4];
         let mut present = 0.0;
-        for ((look, share), (t, class, gradient)) in looks.iter().zip(shares(looks, self.at(t))).zip(seen) {
+        for ((look, share), seen) in looks.iter().zip(shares(looks, self.at(t))).zip(seen) {
             if share <= 0.0 {
                 continue;
             }
             present += if look.opacity > 0.0 { share } else { 0.0 };
-            if let Some(([red, green, blue], alpha)) = self.appearance(look, *t, class, *gradient, cut) {
+            if let Some(([red, green, blue], alpha)) = self.appearance(look, seen, cut) {
                 let weight = share * alpha;
                 [red, green, blue, 1.0].iter().zip(&mut shown).for_each(|(c, sum)| *sum += weight * c);
             }
@@ -298,7 +342,8 @@ pub fn march(
                 }
                 let gradient = line.gradient(&line.slope(t));
                 let cut = line.cut(t, line.body.cut_looks.iter().map(|look| class(look).opacity));
-                let seen: Vec<_> = classes.into_iter().map(|class| (t, class, gradient)).collect();
+                let before = line.slope_before(t).map(|slope| line.gradient(&slope));
+                let seen: Vec<_> = classes.into_iter().map(|class| SeenAt { t, class, gradient, before }).collect();
                 let (color, alpha, share) = line.see(t, &seen, cut);
                 Some(Shown { body: *body, color, alpha, share, value: line.within_range(value) })
             };
@@ -379,6 +424,9 @@ struct PieceOf<'a> {
     /// Of each look, whether it shows something.
     shows: Vec<bool>,
     cut: Face,
+    /// Where it begins and ends, mm, and the slopes a lag before these.
+    ends: [f64; 2],
+    before: Option<[Slope; 2]>,
 }
 
 /// A look at a part of a piece: straight color, opacity of a reference length, share of the place; `weight` of the part.
@@ -407,7 +455,8 @@ impl<'a> PieceOf<'a> {
         }
         let opacities = line.body.cut_looks.iter().map(|look| -(-extinction(look)).exp_m1());
         let cut = line.cut(start.midpoint(end), opacities);
-        Some(Self { line, body, shows, cut })
+        let before = line.slope_before(start).zip(line.slope_before(end)).map(|(a, b)| [a, b]);
+        Some(Self { line, body, shows, cut, ends: [start, end], before })
     }
 
     /// The part between two places (mm) in as many looks as its normal turns.
@@ -430,7 +479,11 @@ impl<'a> PieceOf<'a> {
                 };
                 let w = wa + piece.middle * (wb - wa);
                 let class = at_node(function, piece.node, -(-piece.extinction).exp_m1());
-                (a + w * (b - a), class, line.gradient(&slopes[0].towards(&slopes[1], w)))
+                let t = a + w * (b - a);
+                let gradient = line.gradient(&slopes[0].towards(&slopes[1], w));
+                let within = (t - self.ends[0]) / (self.ends[1] - self.ends[0]);
+                let before = self.before.as_ref().map(|[a, b]| line.gradient(&a.towards(b, within)));
+                SeenAt { t, class, gradient, before }
             };
             let seen: Vec<_> = line.body.looks.iter().zip(&self.shows).map(seen).collect();
             let middle = wa.midpoint(wb);

@@ -15,7 +15,7 @@ pub use camera::{Camera, Projection};
 pub use moved::{Body, Meeting, Meetings, Moved, Role};
 pub use quality::Quality;
 pub use region::{Look, Region};
-pub use transfer_function::{StyleTransferFunction, TransferFunctionNode};
+pub use transfer_function::{Contours, StyleTransferFunction, TransferFunctionNode};
 
 use crate::error::{Error, Result};
 use crate::styles::StyleImage;
@@ -35,6 +35,8 @@ pub struct Scene {
     pub background: Background,
     /// Accuracy settings.
     pub quality: Quality,
+    /// Height of the picture on the page, mm: what widths in figure points are measured against.
+    pub page_height_mm: f64,
 }
 
 /// A volume with its look.
@@ -78,6 +80,16 @@ impl Object {
             std::iter::once(&region.look.transfer_function).chain(ghost)
         });
         std::iter::once(&self.transfer_function).chain(of_regions)
+    }
+
+    /// Whether any of its transfer functions draws contours.
+    pub fn has_contours(&self) -> bool {
+        self.transfer_functions().any(|f| f.contours.is_some())
+    }
+
+    /// Whether any of its transfer functions modulates opacity as eq. 3.2 does.
+    pub fn has_illustrative_transparency(&self) -> bool {
+        self.transfer_functions().any(|f| f.illustrative_transparency)
     }
 
     /// Whether no transfer function gives opacity to any value of the volume.
@@ -139,6 +151,11 @@ impl Scene {
         self.quality.style_change / nodes.map(|n| self.styles[n.style].sharpness).fold(0.0, f64::max)
     }
 
+    /// Width on the page of a pixel of a picture of `image_height` pixels, in figure points (1/72 inch).
+    pub fn pixel_pt(&self, image_height: u32) -> f64 {
+        self.page_height_mm / 25.4 * 72.0 / f64::from(image_height.max(1))
+    }
+
     /// Checks what types cannot: every node has a style, values and lengths are finite, nodes ascend.
     ///
     /// # Errors
@@ -155,6 +172,12 @@ impl Scene {
             return Err(Error::scene("the camera is infinitely far away", "give it a larger field of view or height"));
         }
         self.quality.validate()?;
+        if !(self.page_height_mm.is_finite() && self.page_height_mm > 0.0) {
+            return Err(Error::scene(
+                format!("the figure is {} mm high on the page", self.page_height_mm),
+                "give a positive height",
+            ));
+        }
         for object in &self.objects {
             if !(object.gradient_scale_mm.is_finite() && object.gradient_scale_mm >= 0.0) {
                 return Err(Error::scene(

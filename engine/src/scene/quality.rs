@@ -24,6 +24,9 @@ pub const PARTS: u32 = 4;
 /// Rounds of the raycaster's loops in one pass (`MAX_ROUNDS` of `shaders/raycast.wgsl`).
 pub const MAX_ROUNDS: u32 = 65_000;
 
+/// Rounds that a piece takes at most with one look a part (`ROUNDS_PER_PIECE` of `shaders/lib/parts.wgsl`).
+pub const ROUNDS_PER_PIECE: u32 = 7 + 2 * PARTS;
+
 impl Quality {
     /// Two voxels a step: for a look.
     pub const DRAFT: Self = Self::balanced_at(2.0, FRAC_1_SQRT_2);
@@ -43,11 +46,10 @@ impl Quality {
     }
 
     /// How many pieces one pass of the raycaster may walk: software adapters end a shader's loops silently after 65 535
-    /// rounds, summed over the nest. A piece takes a leap, two looks for something that shows and the ends of three loops,
-    /// and a part of it its end and one look at the style; half of the rounds are left for more
-    /// looks.
+    /// rounds, summed over the nest. A piece takes [`ROUNDS_PER_PIECE`] with one look at the style a part; half of the rounds
+    /// are left for more looks.
     pub fn pieces_per_pass() -> u32 {
-        MAX_ROUNDS / 2 / (5 + 2 * PARTS)
+        MAX_ROUNDS / 2 / ROUNDS_PER_PIECE
     }
 
     pub(crate) fn validate(&self) -> Result<()> {

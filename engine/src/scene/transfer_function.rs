@@ -21,7 +21,23 @@ pub struct StyleTransferFunction {
     pub nodes: Vec<TransferFunctionNode>,
     /// d₀ in mm: the length that opacities are stated for.
     pub reference_length_mm: f64,
+    /// Lines where surfaces turn away, if there are any.
+    pub contours: Option<Contours>,
+    /// Whether opacity is modulated as in eq. 3.2: what is flat or homogeneous becomes transparent first, contours last.
+    pub illustrative_transparency: bool,
 }
+
+/// Lines of controlled width where surfaces turn away from the eye (thesis §3.3.3).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contours {
+    /// T: width on the page, in figure points (1/72 inch); above 0.
+    pub width_pt: f64,
+    /// Linear RGB; none: the rim of the style, in the direction of the normal.
+    pub color: Option<[f32; 3]>,
+}
+
+/// The widest contours, in points: an inch.
+pub const MAX_CONTOUR_PT: f64 = 72.0;
 
 /// What a transfer function says about one value.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +49,11 @@ pub struct Classified {
 }
 
 impl StyleTransferFunction {
+    /// A function without contours, of opacity as its nodes have it.
+    pub fn new(nodes: Vec<TransferFunctionNode>, reference_length_mm: f64) -> Self {
+        Self { nodes, reference_length_mm, contours: None, illustrative_transparency: false }
+    }
+
     /// Evaluates the function exactly, in f64. NaN is treated as below the first node.
     pub fn classify(&self, value: f64) -> Classified {
         let last = self.nodes.len() - 1;
@@ -80,6 +101,17 @@ impl StyleTransferFunction {
                 "give a positive length",
             );
         }
+        if let Some(Contours { width_pt, color }) = self.contours {
+            if !(width_pt > 0.0 && width_pt <= MAX_CONTOUR_PT) {
+                return fail(
+                    format!("contours are {width_pt} points wide"),
+                    "give a width above 0 and up to 72 points, or none",
+                );
+            }
+            if color.is_some_and(|color| color.iter().any(|c| !(0.0..=1.0).contains(c))) {
+                return fail("a color of contours is outside of 0 to 1".into(), "give a color as \"#rrggbb\"");
+            }
+        }
         for node in &self.nodes {
             if !node.value.is_finite() {
                 return fail("a transfer function node has a value that is not finite".into(), "give a number");
@@ -111,10 +143,10 @@ mod tests {
     #[test]
     fn classify_is_linear_between_nodes_and_constant_outside() {
         let node = |value, style, opacity| TransferFunctionNode { value, style, opacity };
-        let tf = StyleTransferFunction {
-            nodes: vec![node(0.0, 0, 0.0), node(10.0, 1, 1.0), node(10.0, 2, 0.25), node(20.0, 3, 0.5)],
-            reference_length_mm: 1.0,
-        };
+        let tf = StyleTransferFunction::new(
+            vec![node(0.0, 0, 0.0), node(10.0, 1, 1.0), node(10.0, 2, 0.25), node(20.0, 3, 0.5)],
+            1.0,
+        );
         assert_eq!(tf.classify(-5.0), Classified { opacity: 0.0, node: 0.0 });
         assert_eq!(tf.classify(2.5), Classified { opacity: 0.25, node: 0.25 });
         assert_eq!(tf.classify(10.0), Classified { opacity: 0.25, node: 2.0 }, "a jump belongs to its upper side");

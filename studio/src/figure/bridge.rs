@@ -7,8 +7,8 @@ use anyhow::{Context as _, Result, bail};
 use fabrica_engine::Progress;
 use fabrica_engine::color::linear_from_srgb8;
 use fabrica_engine::scene::{
-    self, Camera, Look, Meeting, Meetings, Moved, Object, Projection, Quality, Region, Scene, StyleTransferFunction,
-    TransferFunctionNode,
+    self, Camera, Contours, Look, Meeting, Meetings, Moved, Object, Projection, Quality, Region, Scene,
+    StyleTransferFunction, TransferFunctionNode,
 };
 use fabrica_engine::selection::Structure;
 use fabrica_engine::spaces::Grid;
@@ -20,7 +20,8 @@ use glam::{DAffine3, DVec3};
 use super::sources::Sources;
 use super::template::{
     Background, CameraTemplate, Domain, LookTemplate, MeetingTemplate, MoveTemplate, ObjectTemplate, ProjectionName,
-    QualityName, Reference, RegionTemplate, Template, Tint, TransferFunctionTemplate, is_called,
+    QualityName, Reference, RegionTemplate, ShadingTemplate, Template, Tint, TransferFunctionTemplate, Transparency,
+    is_called,
 };
 
 /// The scene of a template with what was read for its slots, and what the user might want to know about how it came about, a
@@ -67,6 +68,7 @@ pub fn scene(
             Background::Color(rgb) => scene::Background::Color(rgb.map(linear_from_srgb8)),
         },
         quality: quality(template.quality),
+        page_height_mm: template.figure.height_mm,
     };
     scene.validate()?;
     Ok((scene, notes))
@@ -109,10 +111,8 @@ pub fn reference(template: &Template, sources: &Sources, progress: &Progress) ->
     let nodes = first.transfer_function.nodes.iter();
     let nodes = nodes.map(|node| TransferFunctionNode { value: value(node.at), style: 0, opacity: node.opacity });
     let voxel_mm = volume.grid.spacing_mm().min_element();
-    let transfer_function = StyleTransferFunction {
-        nodes: nodes.collect(),
-        reference_length_mm: first.transfer_function.reference_length_mm.unwrap_or(voxel_mm),
-    };
+    let d0 = first.transfer_function.reference_length_mm.unwrap_or(voxel_mm);
+    let transfer_function = StyleTransferFunction::new(nodes.collect(), d0);
     let gradient_scale_mm = first.gradient_scale_mm.unwrap_or(voxel_mm);
     Ok(Some(Object { volume: volume.clone(), transfer_function, regions: Vec::new(), gradient_scale_mm }))
 }
@@ -154,7 +154,7 @@ impl Making<'_> {
                 template.volume
             ));
         }
-        let mut transfer_function = self.function(&template.transfer_function, None)?;
+        let mut transfer_function = self.function(&template.transfer_function, None, &template.shading)?;
         // α_u is linear between nodes: a factor of all of it is one of theirs.
         transfer_function.nodes.iter_mut().for_each(|n| n.opacity *= template.rest.factor());
         Ok(Object {
@@ -168,7 +168,12 @@ impl Making<'_> {
     }
 
     /// `style`: takes the place of its nodes' own.
-    fn function(&mut self, template: &TransferFunctionTemplate, style: Option<&str>) -> Result<StyleTransferFunction> {
+    fn function(
+        &mut self,
+        template: &TransferFunctionTemplate,
+        style: Option<&str>,
+        shading: &ShadingTemplate,
+    ) -> Result<StyleTransferFunction> {
         let value = values(self.volume, template.domain, self.progress)?;
         let mut nodes = Vec::with_capacity(template.nodes.len());
         for node in &template.nodes {
@@ -180,7 +185,14 @@ impl Making<'_> {
             nodes.push(TransferFunctionNode { value: value(node.at), style: position, opacity: node.opacity });
         }
         let voxel_mm = self.volume.grid.spacing_mm().min_element();
-        Ok(StyleTransferFunction { nodes, reference_length_mm: template.reference_length_mm.unwrap_or(voxel_mm) })
+        Ok(StyleTransferFunction {
+            contours: shading.contours.as_ref().filter(|contours| contours.width_pt > 0.0).map(|contours| Contours {
+                width_pt: contours.width_pt,
+                color: contours.color.map(|color| color.0.map(linear_from_srgb8)),
+            }),
+            illustrative_transparency: shading.transparency == Some(Transparency::Illustrative),
+            ..StyleTransferFunction::new(nodes, template.reference_length_mm.unwrap_or(voxel_mm))
+        })
     }
 
     /// The structures of a region. One that these selections do not have is a note: templates go to other data.
@@ -244,7 +256,7 @@ impl Making<'_> {
         let visible = look.visible.unwrap_or(true);
         let function = look.transfer_function.as_ref().unwrap_or(&object.transfer_function);
         Ok(Look {
-            transfer_function: self.function(function, look.style.as_deref())?,
+            transfer_function: self.function(function, look.style.as_deref(), &look.shading.or(&object.shading))?,
             tint: tint.map(|color| color.map(linear_from_srgb8)),
             opacity: if visible { look.opacity.unwrap_or(1.0) } else { 0.0 },
         })

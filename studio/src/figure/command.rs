@@ -6,8 +6,8 @@ use std::ops::Range;
 use anyhow::{Result, bail};
 
 use super::template::{
-    Background, CameraTemplate, LookTemplate, MeetingColor, MoveTemplate, NodeTemplate, Page, ProjectionName,
-    QualityName, RegionTemplate, RestTemplate, SelectionSlot, SelectionVoxels, StructureTemplate, Template,
+    Background, CameraTemplate, LookTemplate, MoveTemplate, NodeTemplate, Page, ProjectionName, QualityName,
+    RegionTemplate, RestTemplate, Rgb, SelectionSlot, SelectionVoxels, ShadingTemplate, StructureTemplate, Template,
     TransferFunctionTemplate, VolumeSlot,
 };
 
@@ -110,6 +110,13 @@ pub enum Command {
         of: FunctionOf,
         /// In mm.
         length_mm: Option<f64>,
+    },
+    /// How an object's surfaces are drawn, besides their styles.
+    SetShading {
+        /// Of which object.
+        object: usize,
+        /// How.
+        shading: ShadingTemplate,
     },
     /// What an object is called.
     SetName {
@@ -237,6 +244,12 @@ impl Command {
             Self::RemoveNode { .. } => "Remove node".to_owned(),
             Self::SetGradientScale { .. } => "Change gradient smoothing".to_owned(),
             Self::SetReferenceLength { .. } => "Change reference length of opacity".to_owned(),
+            Self::SetShading { shading, .. } => match &shading.contours {
+                Some(contours) if contours.width_pt > 0.0 => {
+                    format!("Draw contours of {} pt", short(contours.width_pt))
+                }
+                _ => "Change shading".to_owned(),
+            },
             Self::SetName { name, .. } => format!("Rename to {name}"),
             Self::SetVisible { visible: true, .. } => "Show object".to_owned(),
             Self::SetVisible { visible: false, .. } => "Hide object".to_owned(),
@@ -373,6 +386,7 @@ impl Command {
                 }
                 function_of(figure, &of)?.reference_length_mm = length_mm;
             }
+            Self::SetShading { object, shading } => object_of(figure, object)?.shading = shading,
             Self::SetName { object, name } => object_of(figure, object)?.name = name,
             Self::SetVisible { object, visible } => object_of(figure, object)?.visible = visible,
             Self::AddSelections { object, slot, region } => {
@@ -423,7 +437,7 @@ fn uncolored(moved: &MoveTemplate) -> MoveTemplate {
     let mut moved = moved.clone();
     moved.ghost.tint = None;
     for meeting in [&mut moved.meets_ghost, &mut moved.meets_background].into_iter().flatten() {
-        meeting.color = MeetingColor([0; 3]);
+        meeting.color = Rgb([0; 3]);
     }
     moved
 }

@@ -243,8 +243,9 @@ mod tests {
     use super::*;
     use crate::figure::command::{Chosen, FunctionOf, function_at};
     use crate::figure::template::{
-        Background, LookTemplate, MeetingStrength, MeetingTemplate, MoveTemplate, NodeTemplate, ProjectionName,
-        QualityName, RegionTemplate, RestTemplate, SelectionSlot, Tint, VolumeSlot,
+        Background, ContoursTemplate, LookTemplate, MeetingStrength, MeetingTemplate, MoveTemplate, NodeTemplate,
+        ProjectionName, QualityName, RegionTemplate, RestTemplate, Rgb, SelectionSlot, ShadingTemplate, Tint,
+        Transparency, VolumeSlot,
     };
 
     fn figure() -> Template {
@@ -481,7 +482,18 @@ mod tests {
                 visible: [None, Some(false)][self.below(2)],
                 opacity: [None, Some(self.below(12) as f64 / 10.0)][self.below(2)],
                 tint: [None, Some(Tint::Own), Some(Tint::Color([self.below(256) as u8; 3]))][self.below(3)],
+                shading: if self.below(3) == 0 { self.shading() } else { ShadingTemplate::default() },
                 ..LookTemplate::default()
+            }
+        }
+
+        fn shading(&mut self) -> ShadingTemplate {
+            let color = (self.below(2) == 0).then(|| Rgb([self.below(256) as u8; 3]));
+            let width_pt = self.number().abs() / 20.0;
+            ShadingTemplate {
+                contours: (self.below(2) == 0).then(|| ContoursTemplate { color, ..ContoursTemplate::new(width_pt) }),
+                transparency: [None, Some(Transparency::Illustrative)][self.below(2)],
+                ..ShadingTemplate::default()
             }
         }
 
@@ -511,7 +523,7 @@ mod tests {
             let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
             let part = (self.below(2) == 0).then(|| Chosen { region: self.below(2), structure });
             let of = FunctionOf { object, part };
-            match self.below(23) {
+            match self.below(24) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
@@ -582,6 +594,7 @@ mod tests {
                     let rest = RestTemplate { visible: self.below(2) == 0, ..RestTemplate::default() };
                     Command::SetRest { object, rest }
                 }
+                22 => Command::SetShading { object, shading: self.shading() },
                 _ => Command::MoveNode { of, node, at: self.number(), opacity: self.number() },
             }
         }
@@ -613,6 +626,7 @@ mod tests {
             Command::SetRest { .. } => 20,
             Command::SetVoxels { .. } => 21,
             Command::SetMove { .. } => 22,
+            Command::SetShading { .. } => 23,
         }
     }
 

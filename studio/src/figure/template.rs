@@ -5,6 +5,7 @@
 
 mod moved;
 mod region;
+mod shading;
 mod voxels;
 
 use std::path::Path;
@@ -16,8 +17,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-pub use moved::{GHOST_OPACITY, MeetingColor, MeetingStrength, MeetingTemplate, MoveTemplate, SCALES};
+pub use moved::{GHOST_OPACITY, MeetingStrength, MeetingTemplate, MoveTemplate, SCALES};
 pub use region::{LookTemplate, RegionTemplate, RestTemplate, SelectionSlot, StructureTemplate, Tint, is_called};
+pub use shading::{ContoursTemplate, Rgb, ShadingTemplate, Transparency};
 pub use voxels::SelectionVoxels;
 
 /// The version that this program writes.
@@ -152,6 +154,9 @@ pub struct ObjectTemplate {
     pub visible: bool,
     /// Value → style and opacity.
     pub transfer_function: TransferFunctionTemplate,
+    /// How surfaces are drawn, besides their styles.
+    #[serde(default, skip_serializing_if = "ShadingTemplate::is_default")]
+    pub shading: ShadingTemplate,
     /// Parts with looks of their own.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<RegionTemplate>,
@@ -400,7 +405,9 @@ impl Template {
                     self.volumes.iter().map(|v| v.name.as_str()).collect::<Vec<_>>().join(", ")
                 );
             };
-            object.transfer_function.check(&format!("the object \"{}\"", object.title()))?;
+            let whose = format!("the object \"{}\"", object.title());
+            object.transfer_function.check(&whose)?;
+            object.shading.check(&whose)?;
         }
         region::check(self)?;
         if let Some(twice) =

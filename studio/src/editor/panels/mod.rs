@@ -8,6 +8,7 @@ pub mod objects;
 pub mod plot;
 pub mod properties;
 pub mod regions;
+mod shading;
 pub mod start_page;
 mod strength;
 pub mod styles;

@@ -8,7 +8,7 @@ use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::properties::{number, row};
 use super::strength;
-use crate::figure::template::{LookTemplate, MeetingColor, MeetingTemplate, MoveTemplate, SCALES, Tint};
+use crate::figure::template::{LookTemplate, MeetingTemplate, MoveTemplate, Rgb, SCALES, Tint};
 
 /// What a meeting is drawn in at first: a color that hardly any tissue has.
 const MEETING: [u8; 3] = [0xd5, 0x5e, 0x00];
@@ -139,7 +139,7 @@ fn meeting(ui: &mut Ui, open: &mut OpenFigure, movable: &Movable, title: &str, o
             let mut color = meeting.color.0;
             let response = ui.color_edit_button_srgb(&mut color).accessible_name(format!("{title}: color"));
             if response.changed() {
-                open.edit(set(Some(MeetingTemplate { color: MeetingColor(color), ..meeting.clone() })));
+                open.edit(set(Some(MeetingTemplate { color: Rgb(color), ..meeting.clone() })));
             }
             let mut is_own = meeting.opacity.is_some();
             let tooltip = "An opacity of its own; without, that of the denser of the two";

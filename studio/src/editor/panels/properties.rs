@@ -8,7 +8,7 @@ use super::super::movable::Movable;
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::super::ui_command::UiCommand;
-use super::{moves, regions};
+use super::{moves, regions, shading};
 use crate::figure::Command;
 use crate::figure::template::{Background, Page, ProjectionName, QualityName, VolumeSlot};
 
@@ -100,7 +100,10 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, styles: &[&str]) -> Option<Wante
             section(ui, "Move", true, |ui| moves::show(ui, open, &movable, styles));
         }
     }
-    section(ui, "Appearance", true, |ui| appearance(ui, open));
+    section(ui, "Appearance", true, |ui| {
+        appearance(ui, open);
+        shading::show(ui, open);
+    });
     section(ui, "Figure", true, |ui| page(ui, open));
     section(ui, "View", false, |ui| view(ui, open));
     section(ui, "Source", true, |ui| wanted = source(ui, open));

@@ -250,6 +250,14 @@ fn matches(structure: &Structure, wanted: &str) -> bool {
     wanted.split_whitespace().all(|word| name.contains(&word.to_lowercase()))
 }
 
+/// The edit that changes what is said of what is chosen: a region, or structures in it. None where that is an object.
+pub(super) fn change_chosen(open: &OpenFigure, change: impl Fn(LookTemplate) -> LookTemplate) -> Option<Command> {
+    let index = open.chosen_region()?.region;
+    let region = open.chosen()?.regions.get(index)?;
+    let names: Vec<String> = open.chosen_structures().cloned().collect();
+    Some(changed(open.object, index, region, &names, change))
+}
+
 /// The edit that changes what is said of a region itself (no names), or of structures in it.
 fn changed(
     object: usize,

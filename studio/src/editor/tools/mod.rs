@@ -218,7 +218,7 @@ fn visible(open: &OpenFigure, volume: &Arc<Volume>) -> Option<Allowed> {
         style: 0,
         opacity: node.opacity,
     });
-    let function = fabrica_engine::scene::StyleTransferFunction { nodes: nodes.collect(), reference_length_mm: 1.0 };
+    let function = fabrica_engine::scene::StyleTransferFunction::new(nodes.collect(), 1.0);
     let (volume, dims) = (volume.clone(), volume.grid.dims());
     let is_shown = move |[x, y, z]: [usize; 3]| function.classify(volume.value(x, y, z)).opacity >= SHOWN;
     // With the voxels beside them: a surface passes between voxels that are shown and voxels that are not, and a selection of

@@ -318,6 +318,7 @@ impl Look {
             volume: volume.to_owned(),
             regions: Vec::new(),
             rest: Default::default(),
+            shading: Default::default(),
             transfer_function: TransferFunctionTemplate {
                 domain: self.domain,
                 // A voxel: so a film, which is as thick as the scanner's blur, is as dense at every resolution.

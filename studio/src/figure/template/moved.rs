@@ -15,7 +15,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{Background, LookTemplate};
+use super::{LookTemplate, Rgb};
 
 /// Opacity of a ghost that nothing is said of, unless its region has less.
 pub const GHOST_OPACITY: f64 = 0.15;
@@ -55,7 +55,7 @@ pub struct MoveTemplate {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MeetingTemplate {
     /// An sRGB color.
-    pub color: MeetingColor,
+    pub color: Rgb,
     /// Opacity, 0 to 1, of a reference length. Default: as opaque as the more opaque one of those who meet.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub opacity: Option<f64>,
@@ -66,10 +66,6 @@ pub struct MeetingTemplate {
     #[serde(flatten)]
     pub extra: Map<String, Value>,
 }
-
-/// An sRGB color, in JSON "#rrggbb".
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct MeetingColor(pub [u8; 3]);
 
 /// A function of two data values, each over the range of the data: 64 x 64 cells. In JSON: gzipped and in base64.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -171,37 +167,7 @@ impl MoveTemplate {
 impl MeetingTemplate {
     /// Of a color, for any two values.
     pub fn new(color: [u8; 3]) -> Self {
-        Self { color: MeetingColor(color), opacity: None, strength: None, extra: Map::new() }
-    }
-}
-
-impl Serialize for MeetingColor {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
-        serializer.collect_str(&Background::Color(self.0))
-    }
-}
-
-impl<'de> Deserialize<'de> for MeetingColor {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
-        let text = String::deserialize(deserializer)?;
-        match text.parse() {
-            Ok(Background::Color(color)) => Ok(Self(color)),
-            _ => Err(serde::de::Error::custom(format!("\"{text}\" is no color; write it as #rrggbb"))),
-        }
-    }
-}
-
-impl JsonSchema for MeetingColor {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "MeetingColor".into()
-    }
-
-    fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
-        schemars::json_schema!({
-            "type": "string",
-            "description": "An sRGB color.",
-            "pattern": "^#[0-9a-fA-F]{6}$"
-        })
+        Self { color: Rgb(color), opacity: None, strength: None, extra: Map::new() }
     }
 }
 
@@ -351,7 +317,7 @@ mod tests {
             let said = serde_json::from_value::<MeetingStrength>(text.into()).unwrap_err().to_string();
             assert!(said.starts_with("the strength of a meeting") && said.contains(part), "{said}");
         }
-        let said = serde_json::from_str::<MeetingColor>("\"transparent\"").unwrap_err().to_string();
+        let said = serde_json::from_str::<Rgb>("\"transparent\"").unwrap_err().to_string();
         assert!(said.contains("is no color"), "{said}");
     }
 

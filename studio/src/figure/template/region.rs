@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{MoveTemplate, ObjectTemplate, SelectionVoxels, Template, TransferFunctionTemplate};
+use super::{MoveTemplate, ObjectTemplate, SelectionVoxels, ShadingTemplate, Template, TransferFunctionTemplate};
 
 /// A place for selections: a label map, or other selections of a volume's voxels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -136,6 +136,9 @@ pub struct LookTemplate {
     /// Value → style and opacity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub transfer_function: Option<TransferFunctionTemplate>,
+    /// How surfaces are drawn, besides their styles.
+    #[serde(default, skip_serializing_if = "ShadingTemplate::is_default")]
+    pub shading: ShadingTemplate,
     /// Fields of other versions, kept as they are.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
@@ -201,6 +204,7 @@ impl LookTemplate {
                 None => other.style.clone(),
             }),
             transfer_function: self.transfer_function.clone().or_else(|| other.transfer_function.clone()),
+            shading: self.shading.or(&other.shading),
             extra: self.extra.clone(),
         }
     }
@@ -209,6 +213,7 @@ impl LookTemplate {
         if let Some(opacity) = self.opacity.filter(|o| !(0.0..=1.0).contains(o)) {
             bail!("{whose} has opacity {opacity}; opacities go from 0 to 1");
         }
+        self.shading.check(whose)?;
         self.transfer_function.as_ref().map_or(Ok(()), |function| function.check(whose))
     }
 }
