@@ -4,13 +4,16 @@
 // Below this extent in |n·v| there is no contour.
 const NO_CONTOUR: f32 = 1e-4;
 
+// Below this share of a ray's way along a surface, its turn is not divided by it any further.
+const LEAST_ALONG: f32 = 0.5;
+
 // κ_v, 1/mm: how fast the normal turns along the ray, from the ĝ here and `lag_mm` before. Faces are flat.
-fn curvature(g: vec3f, before: vec3f, face_weight: f32, lag_mm: f32) -> f32 {
+fn curvature(g: vec3f, before: vec3f, ray: vec3f, face_weight: f32, lag_mm: f32) -> f32 {
     let a = g / max(length(g), 1e-30);
     let b = before / max(length(before), 1e-30);
     let strength = surface_strength(length(g)) * surface_strength(length(before));
     let half_chord = 0.5 * min(length(a - b), length(a + b));
-    return (1.0 - face_weight) * strength * 2.0 * arcsine(half_chord) / lag_mm;
+    return (1.0 - face_weight) * strength * 2.0 * arcsine(half_chord) / (lag_mm * max(length(cross(a, ray)), LEAST_ALONG));
 }
 
 // For 0 to √½, to 1e-6 of it: software adapters' own is off by 1e-4.

@@ -161,7 +161,7 @@ fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, 
     let pixel_mm = (frame.footprint + depth * frame.footprint_growth) * frame.voxel_mm;
     let width_mm = function.contour_pt * frame.pixels_per_pt * pixel_mm;
     let before = slope_before(stretch.lagged, steps - stretch.piece, march.pose);
-    let bend = curvature(slope, before, face.w, object.reference_length);
+    let bend = curvature(slope, before, march.direction, face.w, object.reference_length);
     let extent = contour_extent(width_mm, bend);
     let facing = facing_of(outward, march.direction);
     let covered = select(0.0, contour_coverage(width_mm, bend, facing, pixel_mm), function.ink.w > 0.0 && width_mm > 0.0);

@@ -7,16 +7,20 @@ use super::style::surface_strength;
 /// Below this extent in |n·v| there is no contour.
 const NO_CONTOUR: f64 = 1e-4;
 
+/// Below this share of a ray's way along a surface, its turn is not divided by it any further.
+const LEAST_ALONG: f64 = 0.5;
+
 /// κ_v, in 1/mm: how fast the surface's normal turns along the ray, from the ĝ here and `lag_mm` before. Faces, of weight `face`, are
 /// flat.
-pub fn curvature(gradient: DVec3, before: DVec3, face: f64, lag_mm: f64) -> f64 {
+pub fn curvature(gradient: DVec3, before: DVec3, direction: DVec3, face: f64, lag_mm: f64) -> f64 {
     let strength = surface_strength(gradient.length()) * surface_strength(before.length());
     if strength <= 0.0 {
         return 0.0;
     }
     let (a, b) = (gradient.normalize(), before.normalize());
     let chord = a.distance(b).min(a.distance(-b));
-    (1.0 - face) * strength * 2.0 * (chord / 2.0).asin() / lag_mm
+    let along = a.cross(direction).length().max(LEAST_ALONG);
+    (1.0 - face) * strength * 2.0 * (chord / 2.0).asin() / (lag_mm * along)
 }
 
 /// c: up to which |n·v| a surface of curvature κ_v is on a contour of `width_mm` (eq. 3.1); all of it, where it is more curved than
@@ -65,16 +69,20 @@ mod tests {
         // Along a ray that touches a sphere of 5 mm, the normals turn by atan(s / 5).
         let normal = |s: f64| DVec3::new(s, 5.0, 0.0);
         for lag in [1e-3, 0.1, 1.0] {
-            let found = curvature(normal(0.0), normal(-lag), 0.0, lag);
+            let found = curvature(normal(0.0), normal(-lag), DVec3::X, 0.0, lag);
             assert!((found - (lag / 5.0).atan() / lag).abs() < 1e-12, "{lag} {found}");
         }
+        // Where it goes into the sphere, it goes less far along it: 4 mm beside the center, 3 mm before its middle.
+        let inside = |s: f64| DVec3::new(s - 3.0, 4.0, 0.0);
+        let found = curvature(inside(0.0), inside(-1e-4), DVec3::X, 0.0, 1e-4);
+        assert!((found - 0.2).abs() < 1e-4, "{found}");
         // Which side of the surface is bright does not matter; flat things, faces and noise have none.
-        assert_eq!(curvature(DVec3::X, -DVec3::X, 0.0, 1.0), 0.0);
-        assert_eq!(curvature(DVec3::X, DVec3::X, 0.0, 1.0), 0.0);
-        assert_eq!(curvature(DVec3::X, DVec3::Y, 1.0, 1.0), 0.0);
-        assert_eq!(curvature(DVec3::X, DVec3::ZERO, 0.0, 1.0), 0.0);
-        assert_eq!(curvature(DVec3::X, 2e-4 * DVec3::Y, 0.0, 1.0), 0.0);
-        assert!((curvature(DVec3::X, DVec3::Y, 0.0, 0.5) - std::f64::consts::PI).abs() < 1e-12);
+        assert_eq!(curvature(DVec3::X, -DVec3::X, DVec3::Z, 0.0, 1.0), 0.0);
+        assert_eq!(curvature(DVec3::X, DVec3::X, DVec3::Z, 0.0, 1.0), 0.0);
+        assert_eq!(curvature(DVec3::X, DVec3::Y, DVec3::Z, 1.0, 1.0), 0.0);
+        assert_eq!(curvature(DVec3::X, DVec3::ZERO, DVec3::Z, 0.0, 1.0), 0.0);
+        assert_eq!(curvature(DVec3::X, 2e-4 * DVec3::Y, DVec3::Z, 0.0, 1.0), 0.0);
+        assert!((curvature(DVec3::X, DVec3::Y, DVec3::Z, 0.0, 0.5) - std::f64::consts::PI).abs() < 1e-12);
     }
 
     #[test]

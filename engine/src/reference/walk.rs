@@ -216,7 +216,8 @@ impl<'a> Line<'a> {
         if let (Some(contours), Some(before)) = (function.contours, before) {
             let pixel_mm = pixel_mm(self.camera, self.image_height, depth_mm);
             let width_mm = contours.width_pt * pixel_mm * f64::from(self.image_height) / self.object.page_height_pt;
-            let curvature = curvature(gradient, before, face.weight, self.object.reference_length_mm);
+            let curvature =
+                curvature(gradient, before, self.ray.direction, face.weight, self.object.reference_length_mm);
             c = extent(width_mm, curvature);
             match contours.color {
                 Some(color) => {
