@@ -161,7 +161,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 #if regions
             spare -= i32((wanted - 1u) * regions.rounds_per_look);
 #else
-            spare -= i32(wanted);
+            spare -= i32(wanted * ROUNDS_PER_LOOK);
 #end
             var i = 0u;
             loop {

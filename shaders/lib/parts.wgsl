@@ -7,9 +7,16 @@ const PARTS: u32 = 4u;
 const MAX_LOOKS: u32 = 16u;
 // Software adapters end a shader's loops silently after 65 535 rounds, summed over the nest.
 const MAX_ROUNDS: u32 = 65000u;
+#if lit
+// Rounds that a look takes: its own, and one for each light.
+const ROUNDS_PER_LOOK: u32 = 5u;
+#else
+// Rounds that a look takes.
+const ROUNDS_PER_LOOK: u32 = 1u;
+#end
 // Rounds that a piece takes without regions, with one look a part: a leap, two looks for something that shows, the ends of three
 // loops, the lags of contours; and a part its end and its look.
-const ROUNDS_PER_PIECE: u32 = 7u + 2u * PARTS;
+const ROUNDS_PER_PIECE: u32 = 7u + (1u + ROUNDS_PER_LOOK) * PARTS;
 
 // Place of boundary j of the parts of a piece, in steps from its front.
 fn part_boundary(j: u32, length_k: f32) -> f32 {

@@ -3,6 +3,7 @@
 #import bind/object
 #import lib/face
 #import lib/opacity
+#import {shade}
 #import lib/style
 #import lib/transfer_function
 #import {gradient}
@@ -169,7 +170,8 @@ fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, 
 #else
     let extent = 0.0;
 #end
-    let style = shade(node, function.last_node, function.row, n_xy, steepness(slope, face), level);
+    let style = shade(node, function.last_node, function.row, n_xy, steepness(slope, face), level, march.axes,
+        march.direction);
 #if colors
     let voxel = seen_color(p, function);
     let colored = tint(style, voxel);

@@ -1,4 +1,4 @@
-// Lit-sphere styles (thesis §3.3): the normal, seen along the ray, picks a color and directional opacity.
+// Surfaces as rays see them (thesis §3.3): their normals, and what these are measured against.
 #import bind/frame
 #import bind/object
 #import {pose}
@@ -6,9 +6,8 @@
 // Below this share of G a gradient is rounding noise of the 16-bit copy: no surface. From the next one on it is one.
 const NO_SURFACE: f32 = 2e-4;
 const SURFACE: f32 = 2e-3;
-// Below this share of G the normal is partly noise: the style is read up to NOISE_LEVELS mips blurrier.
+// Below this share of G the normal is partly noise.
 const SHARP_SURFACE: f32 = 0.02;
-const NOISE_LEVELS: f32 = 3.0;
 
 struct Axes {
     right: vec3f,
@@ -56,28 +55,4 @@ fn style_normal(outward: vec3f, ray: vec3f, axes: Axes) -> vec2f {
     // Towards the eye: the whole vector, not only its depth.
     let n = select(outward, -outward, dot(outward, ray) > 0.0);
     return vec2f(dot(n, axes.right), dot(n, axes.up));
-}
-
-// Premultiplied color and α_d of a node coordinate (of nodes 0 … last_node, whose styles are in a row of `node_layers`), where the
-// surface's ‖ĝ‖ is `steepness`.
-fn shade(node: f32, last_node: f32, row: u32, n_xy: vec2f, steepness: f32, level: f32) -> vec4f {
-    let uv = style_uv(n_xy);
-    let blurred = level + NOISE_LEVELS * (1.0 - smoothstep(0.0, SHARP_SURFACE, steepness));
-    // Rounding must not reach past the outermost nodes.
-    let within = clamp(node, 0.0, last_node);
-    let first = floor(within);
-    let a = textureSampleLevel(styles, style_sampler, uv, node_layer(u32(first), row), blurred);
-    let b = textureSampleLevel(styles, style_sampler, uv, node_layer(u32(ceil(within)), row), blurred);
-    return mix(a, b, within - first);
-}
-
-// |n_xy| = 1 lands on the outermost texel centers of the disc.
-fn style_uv(n_xy: vec2f) -> vec2f {
-    let on_disc = n_xy / max(1.0, length(n_xy));
-    let size = f32(textureDimensions(styles).x);
-    return 0.5 + vec2f(on_disc.x, -on_disc.y) * (0.5 - 0.5 / size);
-}
-
-fn node_layer(node: u32, row: u32) -> u32 {
-    return textureLoad(node_layers, vec2u(node, row), 0).x;
 }

@@ -81,6 +81,7 @@ pub fn scene(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality)
             volume: volume.clone(),
             transfer_function: StyleTransferFunction::new(nodes, 1.0),
             regions: Vec::new(),
+            lighting: None,
             gradient_scale_mm: volume.grid.spacing_mm().min_element(),
         }],
         styles,

@@ -9,6 +9,7 @@ mod estimate;
 mod extremes;
 mod hostile;
 mod labels;
+mod lighting;
 mod moved;
 mod orientation;
 mod pipelines;

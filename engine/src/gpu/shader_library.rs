@@ -19,6 +19,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "bind/colors",
     "bind/frame",
     "bind/functions",
+    "bind/lighting",
     "bind/object",
     "bind/regions",
     "bind/resume",
@@ -36,6 +37,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/gradient_color",
     "lib/meeting",
     "lib/modulated",
+    "lib/nodes",
     "lib/opacity",
     "lib/parts",
     "lib/pose_moved",
@@ -49,6 +51,8 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/seen_one",
     "lib/seen_regions",
     "lib/seen_tints",
+    "lib/shade_lit",
+    "lib/shade_style",
     "lib/skip",
     "lib/stretch",
     "lib/strongest_change",
@@ -91,6 +95,8 @@ pub struct RaycastKey {
     pub contours: bool,
     /// Opacity is modulated as in eq. 3.2.
     pub transparency: bool,
+    /// Lights and a lighting map take the place of styles.
+    pub lit: bool,
     /// The pass goes on where another one had to stop; always with `bodies`, of which hardly any ray is done in one.
     pub resumed: bool,
 }
@@ -113,6 +119,7 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.meetings { " meetings" } else { "" })?;
         f.write_str(if self.contours { " contours" } else { "" })?;
         f.write_str(if self.transparency { " transparency" } else { "" })?;
+        f.write_str(if self.lit { " lit" } else { "" })?;
         f.write_str(if self.resumed { " resumed" } else { "" })
     }
 }
@@ -122,11 +129,11 @@ impl RaycastKey {
     pub fn all() -> impl Iterator<Item = Self> {
         // No regions; regions with one function and several; the same with faces; with bodies; with meetings; with many bodies and
         // with both.
-        let drawn = [(false, false), (true, false), (false, true), (true, true)];
-        let all = drawn.into_iter().flat_map(|drawn| (0..13 * 48).map(move |n| (drawn, n)));
-        let all = all.map(|((contours, transparency), n)| Self {
-            contours,
-            transparency,
+        let all = (0..8).flat_map(|drawn| (0..13 * 48).map(move |n| (drawn, n)));
+        let all = all.map(|(drawn, n)| Self {
+            contours: drawn & 1 != 0,
+            transparency: drawn & 2 != 0,
+            lit: drawn & 4 != 0,
             filtered: n & 1 == 0,
             table_filtered: n & 2 == 0,
             no_data: n & 4 != 0,
@@ -156,6 +163,7 @@ impl RaycastKey {
             "function" => Some(if self.functions { "lib/functions" } else { "lib/function_one" }),
             "seen" if self.functions => Some("lib/seen_regions"),
             "seen" => Some(if self.regions { "lib/seen_tints" } else { "lib/seen_one" }),
+            "shade" => Some(if self.lit { "lib/shade_lit" } else { "lib/shade_style" }),
             "pose" => Some(if self.bodies { "lib/pose_moved" } else { "lib/pose_rest" }),
             "bodies" => Some(if self.many_bodies { "lib/bodies_many" } else { "lib/bodies_few" }),
             "resume" => Some(if self.resumed { "bind/resume" } else { "lib/resume_none" }),
@@ -170,6 +178,7 @@ impl RaycastKey {
             "meetings" => Some(self.meetings),
             "contours" => Some(self.contours),
             "transparency" => Some(self.transparency),
+            "lit" => Some(self.lit),
             _ => None,
         };
         assemble(if self.bodies { "raycast_bodies" } else { "raycast" }, &choose, &has)

@@ -15,8 +15,9 @@ use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::regions::ResidentRegions;
 use crate::gpu::shader_library::{FEW_BODIES, RaycastKey};
 use crate::gpu::upload::{ResidentVolume, extent, table_descriptor};
+use crate::scene::lighting::{MAP_SIZE, MAX_LIGHTS};
 use crate::scene::quality::{MAX_ROUNDS, PARTS};
-use crate::scene::{Camera, Object, Projection, Quality, Scene, StyleTransferFunction};
+use crate::scene::{Camera, Light, Lighting, LightingMap, Object, Projection, Quality, Scene, StyleTransferFunction};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
 use crate::volume::Volume;
@@ -96,6 +97,39 @@ pub struct ObjectUniform {
     pad0: f32,
     ink: [f32; 4],
 }
+}
+
+uniform! {
+/// `Light` of `shaders/bind/lighting.wgsl`.
+pub struct LightUniform {
+    direction: [f32; 3],
+    share: f32,
+    color: [f32; 3],
+    pad0: f32,
+}
+}
+
+uniform! {
+/// `Lighting` of `shaders/bind/lighting.wgsl`.
+pub struct LightingUniform {
+    lights: [LightUniform; MAX_LIGHTS],
+    count: u32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
+}
+}
+
+fn lighting_uniform(lighting: &Lighting, camera: &Camera) -> LightingUniform {
+    let brightness: f64 = lighting.lights.iter().map(Light::luminance).sum();
+    let light = |i: usize| {
+        let light = lighting.lights.get(i)?;
+        let share = if brightness > 0.0 { light.luminance() / brightness } else { 1.0 / lighting.lights.len() as f64 };
+        let direction = light.in_world(camera).as_vec3().to_array();
+        Some(LightUniform { direction, share: share as f32, color: light.color, pad0: 0.0 })
+    };
+    let lights = std::array::from_fn(|i| light(i).unwrap_or_else(bytemuck::Zeroable::zeroed));
+    LightingUniform { lights, count: lighting.lights.len() as u32, pad0: 0, pad1: 0, pad2: 0 }
 }
 
 /// The plane at the front of all that is drawn where rays begin, found in f64: from there on f32 only has to resolve what is drawn,
@@ -213,6 +247,7 @@ pub struct RaycastPass {
     nothing: wgpu::TextureView,
     pipelines: HashMap<RaycastKey, Pipeline>,
     styles: Option<(Vec<Arc<StyleImage>>, wgpu::TextureView)>,
+    lighting_map: Option<(Arc<LightingMap>, wgpu::TextureView)>,
     looks: Vec<Look>,
     tables: Tables,
     region_looks: Vec<RegionLooks>,
@@ -309,6 +344,7 @@ impl RaycastPass {
             nothing: nothing.create_view(&Default::default()),
             pipelines: HashMap::new(),
             styles: None,
+            lighting_map: None,
             looks: Vec::new(),
             tables: Tables::default(),
             region_looks: Vec::new(),
@@ -344,6 +380,7 @@ impl RaycastPass {
             meetings: false,
             contours: object.has_contours(),
             transparency: object.has_illustrative_transparency(),
+            lit: object.lighting.is_some(),
             resumed: false,
         };
         let device = &context.device;
@@ -390,6 +427,7 @@ impl RaycastPass {
         if num_passes > 1 {
             self.pipeline(context, RaycastKey { resumed: true, ..key })?;
         }
+        let lighting = object.lighting.as_ref().map(|lighting| self.lighting(context, lighting, &scene.camera));
         let pipeline = self.pipeline(context, key)?;
         let mut entries = vec![
             wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
@@ -415,6 +453,10 @@ impl RaycastPass {
                 entries.push(wgpu::BindGroupEntry { binding: 18, resource: bodies.uniform.as_entire_binding() });
                 entries.extend(bodies.strengths.as_ref().map(|view| texture_entry(19, view)));
             }
+        }
+        if let Some((uniform, map)) = &lighting {
+            entries.push(wgpu::BindGroupEntry { binding: 20, resource: uniform.as_entire_binding() });
+            entries.push(texture_entry(21, map));
         }
         let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("object"),
@@ -450,7 +492,7 @@ impl RaycastPass {
             transfer_function,
             node_layers: node_layers.create_view(&Default::default()),
             shared: None,
-            units_per_pass: Quality::pieces_per_pass(),
+            units_per_pass: Quality::pieces_per_pass(object.lighting.is_some()),
             units_per_piece: 1,
         }
     }
@@ -633,6 +675,30 @@ impl RaycastPass {
         look
     }
 
+    fn lighting(
+        &mut self,
+        context: &GpuContext,
+        lighting: &Lighting,
+        camera: &Camera,
+    ) -> (wgpu::Buffer, wgpu::TextureView) {
+        let known = self.lighting_map.as_ref().filter(|(map, _)| Arc::ptr_eq(map, &lighting.map));
+        let view = known.map(|(_, view)| view.clone()).unwrap_or_else(|| {
+            let texels: Vec<half::f16> =
+                lighting.map.texels.iter().flat_map(|[a, d, s]| [*a, *d, *s, 0.0].map(half::f16::from_f32)).collect();
+            let texture = small_texture(
+                context,
+                "lighting map",
+                extent([MAP_SIZE, MAP_SIZE, 1]),
+                wgpu::TextureDimension::D2,
+                wgpu::TextureFormat::Rgba16Float,
+                bytemuck::cast_slice(&texels),
+            );
+            texture.create_view(&Default::default())
+        });
+        self.lighting_map = Some((lighting.map.clone(), view.clone()));
+        (uniform_buffer(context, "lighting", bytemuck::bytes_of(&lighting_uniform(lighting, camera))), view)
+    }
+
     fn style_array(&mut self, context: &GpuContext, styles: &[Arc<StyleImage>]) -> Result<wgpu::TextureView> {
         if let Some((held, view)) = &self.styles
             && held.len() == styles.len()
@@ -793,6 +859,11 @@ fn make_pipeline(
                 entry(16, uniform_binding()),
                 entry(17, texture_binding(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)),
             ]);
+        }
+        if key.lit {
+            let filtered = wgpu::TextureSampleType::Float { filterable: true };
+            entries.push(entry(20, uniform_binding()));
+            entries.push(entry(21, texture_binding(filtered, wgpu::TextureViewDimension::D2)));
         }
         if key.bodies {
             entries.push(entry(18, uniform_binding()));

@@ -10,6 +10,7 @@ use crate::error::Result;
 use crate::gpu::context::GpuContext;
 use crate::gpu::regions::{LIST_WIDTH, ResidentRegions};
 use crate::gpu::upload::{ResidentVolume, extent};
+use crate::scene::lighting::MAX_LIGHTS;
 use crate::scene::quality::PARTS;
 use crate::scene::region::MAX_OPACITY_FUNCTIONS;
 use crate::scene::{Look, Object, Role, StyleTransferFunction};
@@ -63,6 +64,7 @@ pub struct RegionsUniform {
 pub struct RegionLooks {
     lengths_mm: f64,
     leaps: bool,
+    is_lit: bool,
     drawn: Drawn,
     /// Some looks are more opaque than others.
     pub cuts: bool,
@@ -162,7 +164,8 @@ impl Tables {
 impl RegionLooks {
     /// Whether it is what [`RegionLooks::new`] would make, but for edits of selections.
     pub fn is_of(&self, object: &Object, lengths_mm: f64, leaps: bool) -> bool {
-        (self.lengths_mm, self.leaps) == (lengths_mm, leaps) && self.drawn.is(object)
+        (self.lengths_mm, self.leaps, self.is_lit) == (lengths_mm, leaps, object.lighting.is_some())
+            && self.drawn.is(object)
     }
 
     /// `lengths_mm`: the usual length of a part of a piece; `leaps`: whether the march leaps over empty bricks.
@@ -262,6 +265,7 @@ impl RegionLooks {
         Ok(Self {
             lengths_mm,
             leaps,
+            is_lit: object.lighting.is_some(),
             drawn: Drawn::of(object),
             cuts,
             function: visible.transfer_function.clone(),
@@ -338,7 +342,7 @@ impl RegionLooks {
     pub fn rounds(&self, regions: &ResidentRegions) -> [u32; 2] {
         // A look goes over the brick's list and the background, and so does the face of a piece.
         let list = regions.longest_list + 1;
-        let look = 2 + list;
+        let look = 2 + list * if self.is_lit { 1 + MAX_LIGHTS as u32 } else { 1 };
         let num_layers = if self.functions.is_some() { self.layers.len() as u32 } else { 0 };
         let own = num_layers + list + (PARTS + 1) * (1 + look);
         let num_bodies = self.drawn.bodies.len() as u32;

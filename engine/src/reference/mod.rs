@@ -11,6 +11,7 @@
 pub mod bodies;
 pub mod color;
 pub mod contour;
+pub mod lighting;
 pub mod opacity;
 pub mod piece;
 pub mod ray;
@@ -205,6 +206,7 @@ fn prepare<'a>(scene: &'a Scene, object: &'a Object) -> Result<Prepared<'a>> {
         bodies: prepare_bodies(object),
         reference_length_mm: object.reference_length_mm(),
         styles: &scene.styles,
+        lighting: object.lighting.as_ref(),
         has_contours: object.has_contours(),
         page_height_pt: scene.page_height_mm / 25.4 * 72.0,
     })

@@ -66,6 +66,7 @@ pub(crate) fn scene(
             volume: Arc::new(volume),
             transfer_function,
             regions: Vec::new(),
+            lighting: None,
             gradient_scale_mm: 0.0,
         }],
         styles: styles.into_iter().map(Arc::new).collect(),

@@ -7,6 +7,7 @@ use glam::{DMat3, DVec3, DVec4};
 use super::bodies::{Interval, PreparedBody, Shown, combine, intervals};
 use super::color::{Jacobian, luminance};
 use super::contour::{coverage, curvature, extent, modulated, pushed};
+use super::lighting::lit;
 use super::opacity::opacity_correct;
 use super::piece::{Piece, classify_piece};
 use super::ray::{Ray, Samples};
@@ -17,7 +18,7 @@ use super::style::{
     style_level, style_normal, surface_normal,
 };
 use crate::scene::quality::PARTS;
-use crate::scene::{Camera, Quality};
+use crate::scene::{Camera, Lighting, Quality};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
 
@@ -46,6 +47,8 @@ pub struct Prepared<'a> {
     pub reference_length_mm: f64,
     /// What the transfer function's nodes refer to.
     pub styles: &'a [Arc<StyleImage>],
+    /// How it is lit, in place of styles.
+    pub lighting: Option<&'a Lighting>,
     /// Whether any look draws contours.
     pub has_contours: bool,
     /// Height of the whole picture on the page, in figure points.
@@ -227,7 +230,12 @@ impl<'a> Line<'a> {
                 None => n_xy = pushed(n_xy, facing, c),
             }
         }
-        let (style, alpha_d) = shade(self.object.styles, class, n_xy, level);
+        let (style, alpha_d) = match self.object.lighting {
+            Some(lighting) => {
+                lit(lighting, self.camera, self.object.styles, class, n_xy, &self.frame, self.ray.direction)
+            }
+            None => shade(self.object.styles, class, n_xy, level),
+        };
         let (light, voxel_alpha) = match &self.object.colors {
             None => (DVec3::from_array(style), 1.0),
             Some(colors) => {

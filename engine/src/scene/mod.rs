@@ -2,6 +2,7 @@
 //! The studio makes it from a document; nothing in here knows files, templates or a window.
 
 pub mod camera;
+pub mod lighting;
 pub mod moved;
 pub mod quality;
 pub mod region;
@@ -12,6 +13,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 pub use camera::{Camera, Projection};
+pub use lighting::{Light, LightFrame, Lighting, LightingMap};
 pub use moved::{Body, Meeting, Meetings, Moved, Role};
 pub use quality::Quality;
 pub use region::{Look, Region};
@@ -48,6 +50,8 @@ pub struct Object {
     pub transfer_function: StyleTransferFunction,
     /// Parts of the volume with looks of their own.
     pub regions: Vec<Region>,
+    /// How surfaces are lit, if they are: styles then say only what color they have on the whole. None: styles are their light.
+    pub lighting: Option<Lighting>,
     /// σ_g: standard deviation, in mm, of the Gaussian that smooths the copy which gradients are taken from;
     /// 0 = central differences of the volume itself.
     pub gradient_scale_mm: f64,
@@ -148,7 +152,11 @@ impl Scene {
     /// allows the sharpest style that the object uses. Infinite where all are flat.
     pub fn largest_turn(&self, object: &Object) -> f64 {
         let nodes = object.transfer_functions().flat_map(|f| &f.nodes);
-        self.quality.style_change / nodes.map(|n| self.styles[n.style].sharpness).fold(0.0, f64::max)
+        let sharpest = match &object.lighting {
+            Some(lighting) => lighting.sharpness(&self.camera),
+            None => nodes.map(|n| self.styles[n.style].sharpness).fold(0.0, f64::max),
+        };
+        self.quality.style_change / sharpest
     }
 
     /// Width on the page of a pixel of a picture of `image_height` pixels, in figure points (1/72 inch).
@@ -189,6 +197,7 @@ impl Scene {
                 function.validate(self.styles.len())?;
             }
             region::validate(object)?;
+            object.lighting.as_ref().map_or(Ok(()), Lighting::validate)?;
             let diagonal = DVec3::from_array(object.volume.grid.dims().map(|n| n as f64)).length();
             let samples = diagonal / self.quality.step_voxels * f64::from(quality::PARTS);
             if samples > MAX_SAMPLES {

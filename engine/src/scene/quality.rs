@@ -2,6 +2,7 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
+use super::lighting::MAX_LIGHTS;
 use crate::error::{Error, Result};
 
 /// Step, style look-ups and early termination of the march.
@@ -24,8 +25,11 @@ pub const PARTS: u32 = 4;
 /// Rounds of the raycaster's loops in one pass (`MAX_ROUNDS` of `shaders/raycast.wgsl`).
 pub const MAX_ROUNDS: u32 = 65_000;
 
-/// Rounds that a piece takes at most with one look a part (`ROUNDS_PER_PIECE` of `shaders/lib/parts.wgsl`).
-pub const ROUNDS_PER_PIECE: u32 = 7 + 2 * PARTS;
+/// Rounds that a piece takes at most with one look a part (`ROUNDS_PER_PIECE` of `shaders/lib/parts.wgsl`), each of which goes over
+/// the lights of an object that is lit.
+pub const fn rounds_per_piece(is_lit: bool) -> u32 {
+    7 + (1 + if is_lit { 1 + MAX_LIGHTS as u32 } else { 1 }) * PARTS
+}
 
 impl Quality {
     /// Two voxels a step: for a look.
@@ -46,10 +50,10 @@ impl Quality {
     }
 
     /// How many pieces one pass of the raycaster may walk: software adapters end a shader's loops silently after 65 535
-    /// rounds, summed over the nest. A piece takes [`ROUNDS_PER_PIECE`] with one look at the style a part; half of the rounds
+    /// rounds, summed over the nest. A piece takes [`rounds_per_piece`] with one look at the style a part; half of the rounds
     /// are left for more looks.
-    pub fn pieces_per_pass() -> u32 {
-        MAX_ROUNDS / 2 / ROUNDS_PER_PIECE
+    pub fn pieces_per_pass(is_lit: bool) -> u32 {
+        MAX_ROUNDS / 2 / rounds_per_piece(is_lit)
     }
 
     pub(crate) fn validate(&self) -> Result<()> {

@@ -19,9 +19,9 @@ use glam::{DAffine3, DVec3};
 
 use super::sources::Sources;
 use super::template::{
-    Background, CameraTemplate, Domain, LookTemplate, MeetingTemplate, MoveTemplate, ObjectTemplate, ProjectionName,
-    QualityName, Reference, RegionTemplate, ShadingTemplate, Template, Tint, TransferFunctionTemplate, Transparency,
-    is_called,
+    Background, CameraTemplate, Domain, LightingTemplate, LookTemplate, MeetingTemplate, MoveTemplate, ObjectTemplate,
+    ProjectionName, QualityName, Reference, RegionTemplate, ShadingTemplate, Template, Tint, TransferFunctionTemplate,
+    Transparency, is_called,
 };
 
 /// The scene of a template with what was read for its slots, and what the user might want to know about how it came about, a
@@ -114,7 +114,13 @@ pub fn reference(template: &Template, sources: &Sources, progress: &Progress) ->
     let d0 = first.transfer_function.reference_length_mm.unwrap_or(voxel_mm);
     let transfer_function = StyleTransferFunction::new(nodes.collect(), d0);
     let gradient_scale_mm = first.gradient_scale_mm.unwrap_or(voxel_mm);
-    Ok(Some(Object { volume: volume.clone(), transfer_function, regions: Vec::new(), gradient_scale_mm }))
+    Ok(Some(Object {
+        volume: volume.clone(),
+        transfer_function,
+        regions: Vec::new(),
+        lighting: None,
+        gradient_scale_mm,
+    }))
 }
 
 /// From what a transfer function's positions count to data values.
@@ -161,6 +167,7 @@ impl Making<'_> {
             volume: self.volume.clone(),
             transfer_function,
             regions: Vec::new(),
+            lighting: template.lighting.as_ref().map(LightingTemplate::lighting),
             gradient_scale_mm: template
                 .gradient_scale_mm
                 .unwrap_or_else(|| self.volume.grid.spacing_mm().min_element()),

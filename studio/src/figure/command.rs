@@ -6,9 +6,9 @@ use std::ops::Range;
 use anyhow::{Result, bail};
 
 use super::template::{
-    Background, CameraTemplate, LookTemplate, MoveTemplate, NodeTemplate, Page, ProjectionName, QualityName,
-    RegionTemplate, RestTemplate, Rgb, SelectionSlot, SelectionVoxels, ShadingTemplate, StructureTemplate, Template,
-    TransferFunctionTemplate, VolumeSlot,
+    Background, CameraTemplate, LightingTemplate, LookTemplate, MoveTemplate, NodeTemplate, Page, ProjectionName,
+    QualityName, RegionTemplate, RestTemplate, Rgb, SelectionSlot, SelectionVoxels, ShadingTemplate, StructureTemplate,
+    Template, TransferFunctionTemplate, VolumeSlot,
 };
 
 /// What has a look of its own in an object: a region, or a structure in a group.
@@ -117,6 +117,13 @@ pub enum Command {
         object: usize,
         /// How.
         shading: ShadingTemplate,
+    },
+    /// How an object is lit; none: styles are their own light.
+    SetLighting {
+        /// Which object.
+        object: usize,
+        /// How.
+        lighting: Option<LightingTemplate>,
     },
     /// What an object is called.
     SetName {
@@ -250,6 +257,8 @@ impl Command {
                 }
                 _ => "Change shading".to_owned(),
             },
+            Self::SetLighting { lighting: None, .. } => "Use the styles' own light".to_owned(),
+            Self::SetLighting { .. } => "Change light".to_owned(),
             Self::SetName { name, .. } => format!("Rename to {name}"),
             Self::SetVisible { visible: true, .. } => "Show object".to_owned(),
             Self::SetVisible { visible: false, .. } => "Hide object".to_owned(),
@@ -284,7 +293,20 @@ impl Command {
             (Self::SetCamera(_), Self::SetCamera(_))
                 | (Self::SetTitle(_), Self::SetTitle(_))
                 | (Self::SetBackground(Color(_)), Self::SetBackground(Color(_)))
-        ) || self.tints_what(later)
+        ) || self.colors_same_light(later)
+            || self.tints_what(later)
+    }
+
+    /// Whether both differ in the color of lights alone: one that is looked for in a picker.
+    fn colors_same_light(&self, later: &Self) -> bool {
+        let (Self::SetLighting { object, lighting: Some(a) }, Self::SetLighting { object: o, lighting: Some(b) }) =
+            (self, later)
+        else {
+            return false;
+        };
+        let mut recolored = a.clone();
+        recolored.lights.iter_mut().zip(&b.lights).for_each(|(light, other)| light.color = other.color);
+        object == o && a != b && recolored == *b
     }
 
     /// Whether both give a color to the same structures: one that is looked for in a picker.
@@ -387,6 +409,7 @@ impl Command {
                 function_of(figure, &of)?.reference_length_mm = length_mm;
             }
             Self::SetShading { object, shading } => object_of(figure, object)?.shading = shading,
+            Self::SetLighting { object, lighting } => object_of(figure, object)?.lighting = lighting,
             Self::SetName { object, name } => object_of(figure, object)?.name = name,
             Self::SetVisible { object, visible } => object_of(figure, object)?.visible = visible,
             Self::AddSelections { object, slot, region } => {

@@ -243,9 +243,9 @@ mod tests {
     use super::*;
     use crate::figure::command::{Chosen, FunctionOf, function_at};
     use crate::figure::template::{
-        Background, ContoursTemplate, LookTemplate, MeetingStrength, MeetingTemplate, MoveTemplate, NodeTemplate,
-        ProjectionName, QualityName, RegionTemplate, RestTemplate, Rgb, SelectionSlot, ShadingTemplate, Tint,
-        Transparency, VolumeSlot,
+        Background, ContoursTemplate, LightTemplate, LightingModel, LightingTemplate, LookTemplate, MeetingStrength,
+        MeetingTemplate, MoveTemplate, NodeTemplate, ProjectionName, QualityName, RegionTemplate, RestTemplate, Rgb,
+        SelectionSlot, ShadingTemplate, Tint, Transparency, VolumeSlot,
     };
 
     fn figure() -> Template {
@@ -497,6 +497,12 @@ mod tests {
             }
         }
 
+        fn lighting(&mut self) -> LightingTemplate {
+            let model = [LightingModel::BlinnPhong, LightingModel::Metal][self.below(2)];
+            let light = LightTemplate::from([self.number(), self.number(), 1.0]);
+            LightingTemplate { lights: vec![light; self.below(6)], ..LightingTemplate::new(model) }
+        }
+
         fn movement(&mut self) -> MoveTemplate {
             let mut meeting = || {
                 let cells = vec![self.below(256) as u8; STRENGTH_SIZE * STRENGTH_SIZE];
@@ -523,7 +529,7 @@ mod tests {
             let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
             let part = (self.below(2) == 0).then(|| Chosen { region: self.below(2), structure });
             let of = FunctionOf { object, part };
-            match self.below(24) {
+            match self.below(25) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
@@ -595,6 +601,7 @@ mod tests {
                     Command::SetRest { object, rest }
                 }
                 22 => Command::SetShading { object, shading: self.shading() },
+                23 => Command::SetLighting { object, lighting: (self.below(3) > 0).then(|| self.lighting()) },
                 _ => Command::MoveNode { of, node, at: self.number(), opacity: self.number() },
             }
         }
@@ -627,6 +634,7 @@ mod tests {
             Command::SetVoxels { .. } => 21,
             Command::SetMove { .. } => 22,
             Command::SetShading { .. } => 23,
+            Command::SetLighting { .. } => 24,
         }
     }
 

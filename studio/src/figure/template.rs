@@ -3,6 +3,7 @@
 //! Positions and lengths of the camera are relative to the object, so that a template fits the next dataset.
 //! Fields that this version does not know survive reading and writing (`extra`).
 
+mod lighting;
 mod moved;
 mod region;
 mod shading;
@@ -17,6 +18,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+pub use lighting::{FixedTo, LightTemplate, LightingModel, LightingTemplate, MAX_BRIGHTNESS, MAX_SHININESS};
 pub use moved::{GHOST_OPACITY, MeetingStrength, MeetingTemplate, MoveTemplate, SCALES};
 pub use region::{LookTemplate, RegionTemplate, RestTemplate, SelectionSlot, StructureTemplate, Tint, is_called};
 pub use shading::{ContoursTemplate, Rgb, ShadingTemplate, Transparency};
@@ -157,6 +159,9 @@ pub struct ObjectTemplate {
     /// How surfaces are drawn, besides their styles.
     #[serde(default, skip_serializing_if = "ShadingTemplate::is_default")]
     pub shading: ShadingTemplate,
+    /// How it is lit. Default: styles are their own light.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lighting: Option<LightingTemplate>,
     /// Parts with looks of their own.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<RegionTemplate>,
@@ -408,6 +413,7 @@ impl Template {
             let whose = format!("the object \"{}\"", object.title());
             object.transfer_function.check(&whose)?;
             object.shading.check(&whose)?;
+            object.lighting.as_ref().map_or(Ok(()), |lighting| lighting.check(&whose))?;
         }
         region::check(self)?;
         if let Some(twice) =

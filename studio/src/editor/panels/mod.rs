@@ -3,6 +3,7 @@
 pub mod curve;
 pub mod histogram;
 pub mod history;
+mod lighting;
 pub mod moves;
 pub mod objects;
 pub mod plot;

@@ -8,7 +8,7 @@ use super::super::movable::Movable;
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::super::ui_command::UiCommand;
-use super::{moves, regions, shading};
+use super::{lighting, moves, regions, shading};
 use crate::figure::Command;
 use crate::figure::template::{Background, Page, ProjectionName, QualityName, VolumeSlot};
 
@@ -103,6 +103,7 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, styles: &[&str]) -> Option<Wante
     section(ui, "Appearance", true, |ui| {
         appearance(ui, open);
         shading::show(ui, open);
+        lighting::show(ui, open);
     });
     section(ui, "Figure", true, |ui| page(ui, open));
     section(ui, "View", false, |ui| view(ui, open));

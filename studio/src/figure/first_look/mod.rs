@@ -319,6 +319,7 @@ impl Look {
             regions: Vec::new(),
             rest: Default::default(),
             shading: Default::default(),
+            lighting: None,
             transfer_function: TransferFunctionTemplate {
                 domain: self.domain,
                 // A voxel: so a film, which is as thick as the scanner's blur, is as dense at every resolution.

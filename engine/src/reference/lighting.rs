@@ -1,0 +1,44 @@
+//! Lighting maps (docs/rendering.md §4, thesis §3.3.1): a surface under lights, in place of a style's picture.
+
+use glam::{DVec2, DVec3};
+
+use super::style::{Classification, RayFrame};
+use crate::scene::Camera;
+use crate::scene::Lighting;
+use crate::styles::StyleImage;
+use std::sync::Arc;
+
+/// Straight linear RGB and α_d of a sample of class `class`, whose normal has the components `n_xy` across the ray.
+pub fn lit(
+    lighting: &Lighting,
+    camera: &Camera,
+    styles: &[Arc<StyleImage>],
+    class: &Classification,
+    n_xy: [f64; 2],
+    frame: &RayFrame,
+    direction: DVec3,
+) -> ([f64; 3], f64) {
+    // What the styles look like on the whole.
+    let [a, b] = class.styles.map(|i| styles[i].mips.last().map_or([0.0; 4], |mip| mip[0].map(f64::from)));
+    let [r, g, blue, alpha]: [f64; 4] = std::array::from_fn(|c| a[c] + class.weight * (b[c] - a[c]));
+    if alpha <= 0.0 {
+        return ([0.0; 3], 0.0);
+    }
+    let color = DVec3::new(r, g, blue) / alpha;
+    let across = DVec2::from_array(n_xy);
+    let across = across / across.length().max(1.0);
+    let normal = across.extend((1.0 - across.length_squared()).max(0.0).sqrt());
+    let brightness: f64 = lighting.lights.iter().map(|light| light.luminance()).sum();
+    let (mut own, mut light_of) = (DVec3::ZERO, DVec3::ZERO);
+    for light in &lighting.lights {
+        let l = light.in_world(camera);
+        let l = DVec3::new(l.dot(frame.right), l.dot(frame.up), -l.dot(direction));
+        let h = (l + DVec3::Z).normalize_or_zero();
+        let [ambient, diffuse, specular] = lighting.map.at(normal.dot(l), normal.dot(h));
+        let c = DVec3::from_array(light.color.map(f64::from));
+        let share = if brightness > 0.0 { light.luminance() / brightness } else { 1.0 / lighting.lights.len() as f64 };
+        own += share * ambient + c * diffuse;
+        light_of += c * specular;
+    }
+    ((color * own + light_of).clamp(DVec3::ZERO, DVec3::ONE).to_array(), alpha)
+}
