@@ -34,6 +34,9 @@ pub struct StyleImage {
     /// How fast the style changes with the normal: root mean square over the disc of ‖∂c/∂n_xy‖, c being the channel of
     /// premultiplied linear RGBA that changes fastest there. 0 for a flat style, about 1 for a matte one, 27 for hatching.
     pub sharpness: f64,
+    /// What color it is under any light: premultiplied linear RGBA, the mean of the disc in which colors count by the square of their
+    /// luminance, as shadows say little of a material.
+    pub color: [f32; 4],
 }
 
 /// What a gallery shows beside the sphere.
@@ -99,8 +102,31 @@ impl StyleImage {
 
     fn from_texels(name: &str, texels: Vec<[f32; 4]>) -> Self {
         let sharpness = sharpness(&texels, STYLE_SIZE);
-        Self { name: name.to_owned(), size: STYLE_SIZE, mips: mips_of(texels, STYLE_SIZE), sharpness }
+        let color = color_of(&texels, STYLE_SIZE);
+        Self { name: name.to_owned(), size: STYLE_SIZE, mips: mips_of(texels, STYLE_SIZE), sharpness, color }
     }
+}
+
+/// [`StyleImage::color`] of a style's premultiplied texels.
+fn color_of(texels: &[[f32; 4]], size: usize) -> [f32; 4] {
+    let center = (size as f64 - 1.0) / 2.0;
+    let is_inside = |i: usize| ((i % size) as f64 - center).hypot((i / size) as f64 - center) <= center;
+    let (mut light, mut weights, mut alphas, mut count) = ([0.0; 3], 0.0, 0.0, 0.0);
+    for texel in (0..texels.len()).filter(|i| is_inside(*i)).map(|i| texels[i].map(f64::from)) {
+        let [r, g, b, alpha] = texel;
+        alphas += alpha;
+        count += 1.0;
+        if alpha > 0.0 {
+            let luminance = (0.2126 * r + 0.7152 * g + 0.0722 * b) / alpha;
+            // Never nothing: black is a color.
+            let weight = luminance * luminance + 1e-9;
+            light = std::array::from_fn(|c| light[c] + weight * texel[c]);
+            weights += weight * alpha;
+        }
+    }
+    let alpha = alphas / count;
+    let [r, g, b] = light.map(|c| if weights > 0.0 { (c / weights * alpha) as f32 } else { 0.0 });
+    [r, g, b, alpha as f32]
 }
 
 /// [`StyleImage::sharpness`] of a style's texels, by central differences.
@@ -458,6 +484,20 @@ mod tests {
             (texel(i, j)[c] * (1.0 - fx) + texel(i + 1.0, j)[c] * fx) * (1.0 - fy)
                 + (texel(i, j + 1.0)[c] * (1.0 - fx) + texel(i + 1.0, j + 1.0)[c] * fx) * fy
         })
+    }
+
+    #[test]
+    fn a_styles_color_is_that_of_its_lights() {
+        let close = |a: [f32; 4], b: [f32; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
+        assert!(close(StyleImage::flat("x", [0.2, 0.1, 0.3, 0.5]).color, [0.2, 0.1, 0.3, 0.5]));
+        assert!(close(StyleImage::flat("black", [0.0, 0.0, 0.0, 1.0]).color, [0.0, 0.0, 0.0, 1.0]));
+        assert!(close(StyleImage::flat("nothing", [0.0; 4]).color, [0.0; 4]));
+        // Half in light, half in a tenth of it: a hundredth of the weight.
+        let half =
+            |i: usize| if i % STYLE_SIZE < STYLE_SIZE / 2 { [0.5, 0.4, 0.3, 1.0] } else { [0.05, 0.04, 0.03, 1.0] };
+        let texels = (0..STYLE_SIZE * STYLE_SIZE).map(half).collect();
+        let [r, ..] = StyleImage::from_texels("half", texels).color;
+        assert!((r - (0.5 + 0.01 * 0.05) / 1.01).abs() < 1e-3, "{r}");
     }
 
     #[test]

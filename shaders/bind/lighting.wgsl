@@ -20,3 +20,5 @@ struct Lighting {
 @group(1) @binding(20) var<uniform> lighting: Lighting;
 // Ambient, diffuse, specular by n·l (−1 in the first column) and n·h (1 in the first row, 0 in the last).
 @group(1) @binding(21) var lighting_map: texture_2d<f32>;
+// The color of each style, premultiplied, in a row.
+@group(1) @binding(22) var style_colors: texture_2d<f32>;

@@ -1,4 +1,4 @@
-// A surface under lights (thesis §3.3.1): its styles say what color it is, on the whole, and a lighting map what light does to it.
+// A surface under lights (thesis §3.3.1): its styles say what color it is, and a lighting map what light does to it.
 #import bind/lighting
 #import bind/object
 #import lib/nodes
@@ -6,9 +6,8 @@
 // As that of lib/shade_style.
 fn shade(node: f32, last_node: f32, row: u32, n_xy: vec2f, steepness: f32, level: f32, axes: Axes, ray: vec3f) -> vec4f {
     let nodes = nodes_around(node, last_node);
-    let last = textureNumLevels(styles) - 1u;
-    let a = textureLoad(styles, vec2u(0u), node_layer(nodes.first, row), last);
-    let b = textureLoad(styles, vec2u(0u), node_layer(nodes.second, row), last);
+    let a = textureLoad(style_colors, vec2u(node_layer(nodes.first, row), 0u), 0);
+    let b = textureLoad(style_colors, vec2u(node_layer(nodes.second, row), 0u), 0);
     let base = mix(a, b, nodes.weight);
     let across = n_xy / max(1.0, length(n_xy));
     let normal = vec3f(across, sqrt(max(1.0 - dot(across, across), 0.0)));

@@ -106,12 +106,8 @@ fn defects_of_lighting_are_noticed() {
         replace(&t, "-dot(light.direction, ray));", "abs(dot(light.direction, ray)));")
     });
     seen("highlights upside down", |t| replace(&t, "1.0 - n_h", "n_h"));
-    seen("the look facing the eye in place of the mean", |t| {
-        replace(
-            &t,
-            "textureLoad(styles, vec2u(0u), node_layer(nodes.first, row), last)",
-            "textureLoad(styles, vec2u(128u), node_layer(nodes.first, row), 0u)",
-        )
+    seen("the color of the node above", |t| {
+        replace(&t, "vec2u(node_layer(nodes.first, row), 0u)", "vec2u(node_layer(nodes.second, row), 0u)")
     });
 }
 

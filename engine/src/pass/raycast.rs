@@ -427,7 +427,7 @@ impl RaycastPass {
         if num_passes > 1 {
             self.pipeline(context, RaycastKey { resumed: true, ..key })?;
         }
-        let lighting = object.lighting.as_ref().map(|lighting| self.lighting(context, lighting, &scene.camera));
+        let lighting = object.lighting.as_ref().map(|lighting| self.lighting(context, scene, lighting));
         let pipeline = self.pipeline(context, key)?;
         let mut entries = vec![
             wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
@@ -454,7 +454,8 @@ impl RaycastPass {
                 entries.extend(bodies.strengths.as_ref().map(|view| texture_entry(19, view)));
             }
         }
-        if let Some((uniform, map)) = &lighting {
+        if let Some((uniform, map, colors)) = &lighting {
+            entries.push(texture_entry(22, colors));
             entries.push(wgpu::BindGroupEntry { binding: 20, resource: uniform.as_entire_binding() });
             entries.push(texture_entry(21, map));
         }
@@ -675,12 +676,13 @@ impl RaycastPass {
         look
     }
 
+    /// What lights add: bindings 20 to 22 of `shaders/bind/lighting.wgsl`.
     fn lighting(
         &mut self,
         context: &GpuContext,
+        scene: &Scene,
         lighting: &Lighting,
-        camera: &Camera,
-    ) -> (wgpu::Buffer, wgpu::TextureView) {
+    ) -> (wgpu::Buffer, wgpu::TextureView, wgpu::TextureView) {
         let known = self.lighting_map.as_ref().filter(|(map, _)| Arc::ptr_eq(map, &lighting.map));
         let view = known.map(|(_, view)| view.clone()).unwrap_or_else(|| {
             let texels: Vec<half::f16> =
@@ -696,7 +698,18 @@ impl RaycastPass {
             texture.create_view(&Default::default())
         });
         self.lighting_map = Some((lighting.map.clone(), view.clone()));
-        (uniform_buffer(context, "lighting", bytemuck::bytes_of(&lighting_uniform(lighting, camera))), view)
+        let colors: Vec<[f32; 4]> = scene.styles.iter().map(|style| style.color).collect();
+        let colors = small_texture(
+            context,
+            "style colors",
+            extent([colors.len(), 1, 1]),
+            wgpu::TextureDimension::D2,
+            wgpu::TextureFormat::Rgba32Float,
+            bytemuck::cast_slice(&colors),
+        );
+        let uniform =
+            uniform_buffer(context, "lighting", bytemuck::bytes_of(&lighting_uniform(lighting, &scene.camera)));
+        (uniform, view, colors.create_view(&Default::default()))
     }
 
     fn style_array(&mut self, context: &GpuContext, styles: &[Arc<StyleImage>]) -> Result<wgpu::TextureView> {
@@ -864,6 +877,8 @@ fn make_pipeline(
             let filtered = wgpu::TextureSampleType::Float { filterable: true };
             entries.push(entry(20, uniform_binding()));
             entries.push(entry(21, texture_binding(filtered, wgpu::TextureViewDimension::D2)));
+            let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
+            entries.push(entry(22, texture_binding(unfilterable, wgpu::TextureViewDimension::D2)));
         }
         if key.bodies {
             entries.push(entry(18, uniform_binding()));

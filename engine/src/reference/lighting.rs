@@ -18,8 +18,7 @@ pub fn lit(
     frame: &RayFrame,
     direction: DVec3,
 ) -> ([f64; 3], f64) {
-    // What the styles look like on the whole.
-    let [a, b] = class.styles.map(|i| styles[i].mips.last().map_or([0.0; 4], |mip| mip[0].map(f64::from)));
+    let [a, b] = class.styles.map(|i| styles[i].color.map(f64::from));
     let [r, g, blue, alpha]: [f64; 4] = std::array::from_fn(|c| a[c] + class.weight * (b[c] - a[c]));
     if alpha <= 0.0 {
         return ([0.0; 3], 0.0);

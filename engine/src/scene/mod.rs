@@ -50,7 +50,7 @@ pub struct Object {
     pub transfer_function: StyleTransferFunction,
     /// Parts of the volume with looks of their own.
     pub regions: Vec<Region>,
-    /// How surfaces are lit, if they are: styles then say only what color they have on the whole. None: styles are their light.
+    /// How surfaces are lit, if they are: styles then say only what color they have. None: styles are their light.
     pub lighting: Option<Lighting>,
     /// σ_g: standard deviation, in mm, of the Gaussian that smooths the copy which gradients are taken from;
     /// 0 = central differences of the volume itself.

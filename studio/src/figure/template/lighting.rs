@@ -18,7 +18,7 @@ pub const MAX_SHININESS: f64 = 100.0;
 /// The brightest light.
 pub const MAX_BRIGHTNESS: f64 = 10.0;
 
-/// How an object is lit; its styles then say only what color it is, which is their mean.
+/// How an object is lit; its styles then say only what color it is: that of their lights.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LightingTemplate {
     /// What light does to surfaces.
