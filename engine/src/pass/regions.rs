@@ -12,7 +12,7 @@ use crate::gpu::regions::{LIST_WIDTH, ResidentRegions};
 use crate::gpu::upload::{ResidentVolume, extent};
 use crate::scene::quality::PARTS;
 use crate::scene::region::MAX_OPACITY_FUNCTIONS;
-use crate::scene::{Look, Object, Role, StyleTransferFunction};
+use crate::scene::{Borders, Look, Object, Role, StyleTransferFunction};
 use crate::volume::Volume;
 
 /// Cells along each axis of what tells whether anything shows between two values.
@@ -63,6 +63,7 @@ pub struct RegionsUniform {
 pub struct RegionLooks {
     lengths_mm: f64,
     leaps: bool,
+    borders: Borders,
     drawn: Drawn,
     /// Some looks are more opaque than others.
     pub cuts: bool,
@@ -159,8 +160,8 @@ impl Tables {
 
 impl RegionLooks {
     /// Whether it is what [`RegionLooks::new`] would make, but for edits of selections.
-    pub fn is_of(&self, object: &Object, lengths_mm: f64, leaps: bool) -> bool {
-        (self.lengths_mm, self.leaps) == (lengths_mm, leaps) && self.drawn.is(object)
+    pub fn is_of(&self, object: &Object, regions: &ResidentRegions, lengths_mm: f64, leaps: bool) -> bool {
+        (self.lengths_mm, self.leaps, self.borders) == (lengths_mm, leaps, regions.borders()) && self.drawn.is(object)
     }
 
     /// `lengths_mm`: the usual length of a part of a piece; `leaps`: whether the march leaps over empty bricks.
@@ -255,6 +256,7 @@ impl RegionLooks {
         Ok(Self {
             lengths_mm,
             leaps,
+            borders: regions.borders(),
             drawn: Drawn::of(object),
             cuts,
             region_looks: plain(small_texture(context, "region looks", extent(three), two, float, texels)),
@@ -328,9 +330,9 @@ impl RegionLooks {
 
     /// Rounds of the shader's loops that a piece takes at most, with one look a part, and that a further look takes.
     pub fn rounds(&self, regions: &ResidentRegions) -> [u32; 2] {
-        // A look goes over the brick's list and the background, and so does the face of a piece.
+        // A look goes over the brick's list and the background, and so does the face of a piece; with labels the face alone.
         let list = regions.longest_list + 1;
-        let look = 2 + list;
+        let look = 2 + if self.borders == Borders::Exact { list } else { 0 };
         let num_layers = if self.functions.is_some() { self.layers.len() as u32 } else { 0 };
         let own = num_layers + list + (PARTS + 1) * (1 + look);
         let num_bodies = self.drawn.bodies.len() as u32;

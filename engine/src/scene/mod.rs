@@ -13,7 +13,7 @@ use glam::DVec3;
 
 pub use camera::{Camera, Projection};
 pub use moved::{Body, Meeting, Meetings, Moved, Role};
-pub use quality::Quality;
+pub use quality::{Borders, Quality};
 pub use region::{Look, Region};
 pub use transfer_function::{StyleTransferFunction, TransferFunctionNode};
 
