@@ -156,7 +156,7 @@ mod tests {
         // All different: a permutation, and more pairs than in any order given.
         let all: Vec<u32> = (0..1000).map(|i| i * 37 % 1000).collect();
         let numbered = number(&all, 10);
-        let mut labels = numbered.labels.clone();
+        let mut labels = numbered.labels;
         labels.sort_unstable();
         assert_eq!(labels, (0..1000).collect::<Vec<_>>());
     }
