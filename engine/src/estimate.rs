@@ -100,11 +100,13 @@ pub fn of_quality(renderer: &mut Renderer, scene: &Scene, size: [u32; 2], progre
     let quality = scene.quality;
     let against_step = (0.25 * quality.step_voxels).min(LADDER[FINER]);
     let balanced = Quality::balanced(against_step);
-    // A setting of the user's own may look at styles more closely than its step needs: what it is compared with does too.
+    // A setting of the user's own may look at styles more closely than its step needs: what it is compared with does too. Borders are
+    // compared with exact ones.
     let finer = Quality {
         step_voxels: against_step,
         style_change: quality.style_change.min(balanced.style_change),
         termination: quality.termination.min(balanced.termination),
+        ..balanced
     };
     let mut sampler = Sampler::new(renderer, scene, size, progress)?;
     if !sampler.allows(finer) {

@@ -15,7 +15,7 @@ use crate::progress::Progress;
 use crate::reference::ray::{ray_from_pixel, samples};
 use crate::reference::{March, Reference};
 use crate::render::{FloatImage, RenderOptions, Renderer};
-use crate::scene::{Background, Quality, Scene};
+use crate::scene::{Background, Borders, Quality, Scene};
 
 /// What the differences of all pixels come to. A pixel's difference is that of its worst channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -250,7 +250,7 @@ const STEPS: [f64; 8] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625];
 const CHANGES: [f64; 3] = [4.0, 1.0, 0.25];
 
 /// The settings that are worth a measurement and that `scene` allows, coarse to fine, the named qualities and what their
-/// termination does among them.
+/// termination does among them; with regions, also the named qualities with borders by two look-ups.
 pub fn default_settings(scene: &Scene) -> Vec<Quality> {
     let mut settings = vec![Quality::DRAFT, Quality::STANDARD, Quality::FINAL];
     for step_voxels in STEPS {
@@ -262,7 +262,12 @@ pub fn default_settings(scene: &Scene) -> Vec<Quality> {
     for termination in [1.0 / 64.0, 1.0 / 256.0, 1.0 / 1024.0, 1.0 / 16384.0] {
         settings.push(Quality { termination, ..Quality::STANDARD });
     }
-    let key = |q: &Quality| [q.step_voxels, q.style_change, q.termination];
+    if scene.objects.iter().any(|object| !object.regions.is_empty()) {
+        let named = [Quality::DRAFT, Quality::STANDARD, Quality::FINAL];
+        settings.extend(named.map(|quality| Quality { borders: Borders::TwoLookUps, ..quality }));
+    }
+    // What is alike but for borders stands together, the exact ones first.
+    let key = |q: &Quality| [q.step_voxels, q.style_change, q.termination, -f64::from(q.borders as u8)];
     settings.sort_by(|a, b| key(b).partial_cmp(&key(a)).unwrap_or(std::cmp::Ordering::Equal));
     settings.dedup();
     let mut scene = scene.clone();

@@ -7,7 +7,7 @@ use crate::gpu::regions::ResidentRegions;
 use crate::gpu::upload::ResidentVolumes;
 use crate::pass::raycast::{FrameUniform, RaycastObject, RaycastPass, ShaderPatch};
 use crate::progress::Progress;
-use crate::scene::{Background, Object, Scene};
+use crate::scene::{Background, Borders, Object, Scene};
 
 /// A picture in memory: premultiplied linear RGBA, row 0 = top.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,8 +66,8 @@ pub const MAX_IMAGE_EDGE: u32 = 65_535;
 pub struct Renderer {
     context: GpuContext,
     volumes: ResidentVolumes,
-    /// Those of the object that was drawn last.
-    regions: Option<ResidentRegions>,
+    /// Those of the object that was drawn last, for each kind of borders that it was drawn with.
+    regions: [Option<ResidentRegions>; 2],
     raycast: RaycastPass,
 }
 
@@ -103,13 +103,13 @@ impl Renderer {
     /// A renderer on an open adapter.
     pub fn new(context: GpuContext) -> Self {
         let raycast = RaycastPass::new(&context, None);
-        Self { context, volumes: ResidentVolumes::default(), regions: None, raycast }
+        Self { context, volumes: ResidentVolumes::default(), regions: Default::default(), raycast }
     }
 
     /// A renderer whose shader texts go through `patch`: tests plant defects with it.
     pub fn with_patched_shaders(context: GpuContext, patch: ShaderPatch) -> Self {
         let raycast = RaycastPass::new(&context, Some(patch));
-        Self { context, volumes: ResidentVolumes::default(), regions: None, raycast }
+        Self { context, volumes: ResidentVolumes::default(), regions: Default::default(), raycast }
     }
 
     /// The adapter that it draws with.
@@ -147,10 +147,11 @@ impl Renderer {
                         object.volume.grid.num_voxels()
                     ));
                 }
-                let regions = self.resident_regions(object, progress)?;
+                let borders = scene.quality.borders;
+                let regions = self.resident_regions(object, borders, progress)?;
                 let prepared =
                     self.raycast.prepare(&self.context, scene, object, &resident, regions.as_ref(), options.skip_empty);
-                self.regions = regions;
+                self.regions[borders as usize] = regions;
                 let prepared = prepared?;
                 report.pipeline = prepared.key.to_string();
                 if object.shows_nothing() {
@@ -220,16 +221,24 @@ impl Renderer {
     }
 
     /// The object's regions as they are on the adapter, brought up to date; none if it has none.
-    fn resident_regions(&mut self, object: &Object, progress: &Progress) -> Result<Option<ResidentRegions>> {
+    fn resident_regions(
+        &mut self,
+        object: &Object,
+        borders: Borders,
+        progress: &Progress,
+    ) -> Result<Option<ResidentRegions>> {
         if object.regions.is_empty() {
+            self.regions = Default::default();
             return Ok(None);
         }
-        if let Some(mut known) = self.regions.take()
-            && known.update(&self.context, &object.regions)?
-        {
-            return Ok(Some(known));
+        if let Some(mut known) = self.regions[borders as usize].take() {
+            if known.update(&self.context, &object.regions)? {
+                return Ok(Some(known));
+            }
+            // Another object: what it has of the other kind is of no use either.
+            self.regions = Default::default();
         }
-        Ok(Some(ResidentRegions::upload(&self.context, &object.regions, progress)?))
+        Ok(Some(ResidentRegions::upload(&self.context, &object.regions, borders, progress)?))
     }
 
     fn tile_slot(&self, width: u32, height: u32, several_passes: bool) -> TileSlot {

@@ -10,6 +10,9 @@
 // Change over a voxel, as a share of what shows, from which on the end of a region is a face and no transition.
 const SHARP_END: f32 = 0.25;
 
+#if labels
+#import lib/cut_face_labels
+#else
 // Outward normal in the world, and weight, at the middle p of a piece with these values at its ends.
 fn cut_face(p: vec3f, front: f32, back: f32, shows: u32, pose: Pose) -> vec4f {
     let list = list_at(p);
@@ -42,6 +45,7 @@ fn cut_face(p: vec3f, front: f32, back: f32, shows: u32, pose: Pose) -> vec4f {
     return vec4f(-world / max(length(world), 1e-30), weight);
 }
 
+#end
 // How much of a look shows, without its style; up to a factor, where all have one function.
 fn shown_of(look: u32, front: f32, back: f32, shows: u32) -> f32 {
     let opacity = abs(look_texel(look, 0u).w) - 1.0;
@@ -54,6 +58,8 @@ fn shown_of(look: u32, front: f32, back: f32, shows: u32) -> f32 {
 #end
 }
 
+#if labels
+#else
 // f half a voxel beside p along x, y and z.
 fn memberships(slot: u32, brick: vec3i, p: vec3f, offset: f32) -> vec3f {
     return vec3f(
@@ -62,3 +68,4 @@ fn memberships(slot: u32, brick: vec3i, p: vec3f, offset: f32) -> vec3f {
         membership(slot, brick, p + vec3f(0.0, 0.0, offset)),
     );
 }
+#end

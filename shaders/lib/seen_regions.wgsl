@@ -1,4 +1,5 @@
 // What a stretch of a ray shows of an object with regions (docs/rendering.md §8): each look by its share of the place.
+#import lib/drawn
 #import lib/functions
 #import lib/region
 #import lib/stretch
@@ -6,19 +7,6 @@
 
 // Opacity that is 1 but for the rounding of shares.
 const OPAQUE: f32 = 0.999999;
-
-// A function with how a look draws it.
-fn drawn_as(function: Function, look: u32) -> Function {
-    var drawn = function;
-#if contours
-    drawn.contour_pt = look_texel(look, 1u).w;
-    drawn.ink = vec4f(look_texel(look, 2u).rgb, look_texel(look, 2u).w % 2.0);
-#end
-#if transparency
-    drawn.transparency = f32(look_texel(look, 2u).w >= 2.0);
-#end
-    return drawn;
-}
 
 fn seen(stretch: Stretch, march: March, shows: u32, cut: vec4f) -> Seen {
     let p = march.first + along(stretch, 0.5) * march.stride;

@@ -222,6 +222,8 @@ fn faults_are_one_sentence_and_leave_nothing() {
         (vec!["measure", "figure.json", "--frames", "0"], 2, "--frames"),
         (vec!["measure", "figure.json", "--adapter", "Voodoo"], 1, "choose one of"),
         (vec!["measure", "figure.json", "--raw", "8x8x8xuint8"], 2, "no --volume before it"),
+        (vec!["render", "figure.json", "--out", "a.png", "--borders", "blocky"], 2, "two-look-ups"),
+        (vec!["render", "figure.json", "--out", "a.png", "--max-error", "1", "--borders", "exact"], 2, "--borders"),
         (vec!["bench", "figure.json", "--json", "no/such/a.json"], 1, "create it first"),
         (vec!["bench", "figure.json", "--orbit", "nan"], 2, "degrees"),
         (vec!["bench", "figure.json", "--quality", "best"], 2, "standard"),
@@ -620,6 +622,37 @@ fn select_on_a_scan_with_its_label_map() {
 
 fn json_file(path: &Path) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn borders_are_a_setting_of_figures_with_regions() {
+    let place = Place::new();
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../templates/head_brain.json");
+    let small = std::fs::read_to_string(shipped).unwrap().replace("specimen:head@160", "specimen:head@24");
+    std::fs::write(place.path("brain.json"), small).unwrap();
+    let run = |arguments: &[&str]| {
+        let output = place.run(&[arguments, &["--adapter", "software"]].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap()).concat()
+    };
+    let render = |borders: &str, out: &str| {
+        run(&["render", "brain.json", "--size", "32x32", "--borders", borders, "--out", out, "--verbose"])
+    };
+    let words = render("two-look-ups", "two.png");
+    assert!(words.contains("borders by two look-ups") && words.contains("regions labels"), "{words}");
+    let words = render("exact", "exact.png");
+    assert!(!words.contains("look-ups") && !words.contains("labels"), "{words}");
+    assert_ne!(std::fs::read(place.path("two.png")).unwrap(), std::fs::read(place.path("exact.png")).unwrap());
+    let bench = ["bench", "brain.json", "--size", "16x16", "--frames", "1", "--json", "b.json", "--borders"];
+    assert!(run(&[&bench[..], &["two-look-ups"]].concat()).contains("borders by two look-ups"));
+    assert_eq!(json_file(&place.path("b.json"))["quality"]["borders"], "two-look-ups");
+    let table = run(&["measure", "brain.json", "--size", "8x8", "--frames", "1", "--json", "m.json"]);
+    assert!(table.contains("standard two"), "{table}");
+    let report = json_file(&place.path("m.json"));
+    let two: Vec<_> =
+        report["settings"].as_array().unwrap().iter().filter(|s| s["borders"] == "two-look-ups").collect();
+    assert_eq!(two.iter().map(|s| s["quality"].as_str().unwrap()).collect::<Vec<_>>(), ["draft", "standard", "final"]);
+    assert!(two.iter().all(|s| s["codes"]["rmse"].as_f64().unwrap() > 1.0), "{two:?}");
 }
 
 #[test]

@@ -49,7 +49,7 @@ fn move_last(scene: &mut Scene, pose: DAffine3, ghost: &[(f64, &str, f64)], meet
     scene.objects[0].regions.last_mut().unwrap().moved = Some(moved);
 }
 
-fn meetings() -> Meetings {
+pub fn meetings() -> Meetings {
     let cells = (0..STRENGTH_SIZE * STRENGTH_SIZE).map(|i| (i % STRENGTH_SIZE * 4) as u8);
     Meetings {
         ghost: Some(Meeting { color: [0.1, 0.3, 1.0], opacity: Some(0.7), strength: None }),
@@ -62,7 +62,7 @@ fn meetings() -> Meetings {
 }
 
 /// A body with a fuzzy ball that was moved so that it half overlaps where it was, and half sticks out; beside it a region at rest.
-fn taken(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality, meetings: Meetings) -> Scene {
+pub fn taken(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality, meetings: Meetings) -> Scene {
     let mut scene = phantom::scene(volume, nodes, quality);
     let (pool, grid) = (Arc::default(), &volume.grid);
     let corner = selection(grid, &pool, |p| f64::from(u8::from(p.z > 6.0)));

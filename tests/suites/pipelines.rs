@@ -118,19 +118,18 @@ fn a_key_without_a_feature_has_neither_its_bindings_nor_its_code() {
             continue;
         }
         num_optional += 1;
-        // What not every key has is there with one word of the name, or without one (what stands in for the feature).
-        let explained = words.iter().any(|word| {
-            let named = with(&|name, _| name.split(' ').any(|w| w == *word));
-            let unnamed = with(&|name, _| !name.split(' ').any(|w| w == *word));
-            // What stands in for a feature that only makes sense with another one has that one's word; two may share something.
-            let by_two = |other: &&str| {
-                let is_in = |name: &str, which: &str| name.split(' ').any(|w| w == which);
-                let either = || with(&|name, _| is_in(name, word) || is_in(name, other));
-                holders == with(&|name, _| is_in(name, word) && !is_in(name, other)) || holders == either()
-            };
-            holders == named || holders == unnamed || words.iter().any(by_two)
-        });
-        assert!(explained, "{thing} is in {holders:?}, which no word of their names tells from the others");
+        // What not every key has is there with some words of the name and without some others (a feature, what stands in for it, what
+        // only some features together need); two features may share something.
+        let is_in = |name: &str, word: &str| name.split(' ').any(|w| w == word);
+        let agreed: Vec<(&str, bool)> = words
+            .iter()
+            .flat_map(|word| [(*word, true), (*word, false)])
+            .filter(|(word, is)| holders.iter().all(|name| is_in(name, word) == *is))
+            .collect();
+        let either = |a: &str, b: &str| with(&|name, _| is_in(name, a) || is_in(name, b));
+        let explained = holders == with(&|name, _| agreed.iter().all(|(word, is)| is_in(name, word) == *is))
+            || words.iter().any(|a| words.iter().any(|b| holders == either(a, b)));
+        assert!(explained, "{thing} is in {holders:?}, which no words of their names tell from the others");
     }
     assert!(num_optional >= 4, "only {num_optional} things are optional");
     // Spelled out for the first feature, by its own text.

@@ -19,13 +19,13 @@ use glam::{DAffine3, DMat3, DVec3};
 
 const SIZE: [u32; 2] = [48, 40];
 
-const BODY: &[(f64, &str, f64)] = &[(150.0, "bone", 0.0), (300.0, "bone", 0.9), (700.0, "vessel", 1.0)];
-const VEIL: &[(f64, &str, f64)] = &[(100.0, "glass", 0.0), (400.0, "wax", 0.05), (600.0, "muscle", 0.1)];
-const SOLID: &[(f64, &str, f64)] = &[(250.0, "clay", 0.0), (350.0, "steel", 0.8)];
-const THIN: &[(f64, &str, f64)] = &[(100.0, "clay", 0.001), (900.0, "cool_warm", 0.02)];
+pub const BODY: &[(f64, &str, f64)] = &[(150.0, "bone", 0.0), (300.0, "bone", 0.9), (700.0, "vessel", 1.0)];
+pub const VEIL: &[(f64, &str, f64)] = &[(100.0, "glass", 0.0), (400.0, "wax", 0.05), (600.0, "muscle", 0.1)];
+pub const SOLID: &[(f64, &str, f64)] = &[(250.0, "clay", 0.0), (350.0, "steel", 0.8)];
+pub const THIN: &[(f64, &str, f64)] = &[(100.0, "clay", 0.001), (900.0, "cool_warm", 0.02)];
 
 /// A body with a fuzzy ball, a crisp half that overlaps it, and a cut-out corner.
-fn divided(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality) -> Scene {
+pub fn divided(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality) -> Scene {
     let mut scene = phantom::scene(volume, nodes, quality);
     let pool = Arc::default();
     let grid = &volume.grid;
@@ -150,7 +150,7 @@ fn defects_of_regions_are_noticed() {
 }
 
 /// A body whose regions differ in color, and if so asked in opacity, alone.
-fn tinted(nodes: &[(f64, &str, f64)], factors: [f64; 2], quality: Quality) -> Scene {
+pub fn tinted(nodes: &[(f64, &str, f64)], factors: [f64; 2], quality: Quality) -> Scene {
     let volume = lumpy();
     let mut scene = phantom::scene(&volume, nodes, quality);
     let pool = Arc::default();
@@ -191,7 +191,7 @@ fn tints_of_one_function_draw_what_the_equations_say() {
 }
 
 /// A box of one value, of which a ball is left out: its walls have no gradient but that of the memberships.
-fn hollow() -> Scene {
+pub fn hollow() -> Scene {
     let volume = phantom::volume([24; 3], centered([24; 3], DVec3::ONE), |_| 500.0);
     let mut scene = phantom::scene(&volume, &[(0.0, "clay", 0.9)], Quality::STANDARD);
     let pool = Arc::default();

@@ -1,5 +1,6 @@
 //! Regions on the adapter: the memberships of the bricks that lie at the ends of regions, and per brick the list of regions
-//! that have a part of it. An edit of a selection uploads the bricks that it touches.
+//! that have a part of it; or, for borders by two look-ups, the numbers of the labels of the bricks in which labels meet, and per
+//! brick the list of its labels. An edit of a selection uploads the bricks that it touches.
 
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -7,10 +8,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use rayon::prelude::*;
 
 use super::context::GpuContext;
+use super::labels::{Largest, Numbered, number};
 use super::upload::{TABLE_USAGE, extent, table_descriptor, write_box};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::scene::Region;
+use crate::scene::{Borders, Region};
 use crate::selection::{BRICK, Brick, Selection};
 
 /// Texels along x and y of the atlas. Along all axes a power of two: so f32 has the place of a sample exactly, and a picture does
@@ -53,18 +55,28 @@ struct Found {
     parts: Vec<Part>,
     /// Whether something around it belongs to no region.
     has_rest: bool,
+    /// For borders by two look-ups: what its slot would hold.
+    labels: Option<Numbered>,
 }
 
 /// A brick's list in the entries.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct List {
     first: u32,
     count: u32,
+    /// For borders by two look-ups: where its labels' numbers are.
+    slot: u32,
+}
+
+impl List {
+    /// That of a brick with no region around it.
+    const NONE: Self = Self { first: 0, count: 0, slot: WHOLE };
 }
 
 /// The regions of an object, as the shader reads them.
 #[derive(Debug)]
 pub struct ResidentRegions {
+    borders: Borders,
     selections: Vec<Selection>,
     /// Bricks along x, y, z.
     size: [usize; 3],
@@ -100,23 +112,36 @@ static NEXT_REVISION: AtomicU64 = AtomicU64::new(0);
 /// Changed bricks that are remembered; beyond that it is as cheap to look at all.
 const MAX_CHANGES: usize = 1 << 14;
 
+impl Found {
+    /// Slots that it needs.
+    fn num_slots(&self) -> usize {
+        let memberships = self.parts.iter().filter(|part| matches!(part.held, Some(Held::Partly(_)))).count();
+        memberships + usize::from(self.labels.as_ref().is_some_and(|numbered| numbered.labels.len() > 1))
+    }
+}
+
 impl ResidentRegions {
-    /// Uploads the selections of `regions`, all of one grid.
+    /// Uploads the selections of `regions`, all of one grid, for one kind of borders.
     ///
     /// # Errors
     /// [`Error::Gpu`] where the adapter has no room, [`Error::Cancelled`].
-    pub fn upload(context: &GpuContext, regions: &[Region], progress: &Progress) -> Result<Self> {
+    pub fn upload(context: &GpuContext, regions: &[Region], borders: Borders, progress: &Progress) -> Result<Self> {
         let size = regions.first().map_or([1; 3], |r| r.selection.size_in_bricks());
         let num_bricks = size.iter().product();
-        // Memberships have 8 bits, but not every adapter filters such texels with more than 8 themselves.
-        let format =
-            if context.formats.r16_filterable { wgpu::TextureFormat::R16Unorm } else { wgpu::TextureFormat::R8Unorm };
+        let format = match borders {
+            // Every adapter filters half floats, and they hold the numbers of a brick's labels exactly.
+            Borders::TwoLookUps => wgpu::TextureFormat::R16Float,
+            // Memberships have 8 bits, but not every adapter filters such texels with more than 8 themselves.
+            Borders::Exact if context.formats.r16_filterable => wgpu::TextureFormat::R16Unorm,
+            Borders::Exact => wgpu::TextureFormat::R8Unorm,
+        };
         let directory = texture(context, "regions of bricks", wgpu::TextureFormat::Rg32Uint, size)?;
         let mut resident = Self {
+            borders,
             selections: Vec::new(),
             size,
-            lists: vec![List::default(); num_bricks],
-            entries: Vec::new(),
+            lists: vec![List::NONE; num_bricks],
+            entries: nowhere(borders).to_vec(),
             num_stale: 0,
             free_slots: Vec::new(),
             num_slots: 0,
@@ -205,12 +230,17 @@ impl ResidentRegions {
     fn find(&self, candidates: &[([usize; 3], Vec<u32>)]) -> Vec<Found> {
         let find = |(place, regions): &([usize; 3], Vec<u32>)| {
             let mut covered = [0u16; BLOCK * BLOCK * BLOCK];
+            let mut largest = (self.borders == Borders::TwoLookUps).then(|| Largest::new(SLOT_EDGE.pow(3)));
             let part = |&region: &u32| {
                 let block = block(&self.selections[region as usize], *place);
                 if block.iter().all(|f| *f == 0) {
                     return None;
                 }
                 covered.iter_mut().zip(&block).for_each(|(sum, f)| *sum = sum.saturating_add(u16::from(*f)));
+                if let Some(largest) = &mut largest {
+                    largest.take(region + 1, inner_rows(&block).flatten());
+                    return Some(Part { region, held: None });
+                }
                 let mut inner = inner_rows(&block).flatten().copied();
                 let first = inner.next().unwrap_or(0);
                 let uniform = inner.all(|f| f == first);
@@ -222,7 +252,8 @@ impl ResidentRegions {
                 Some(Part { region, held })
             };
             let parts = regions.iter().filter_map(part).collect();
-            Found { place: *place, parts, has_rest: covered.iter().any(|sum| *sum < 255) }
+            let labels = largest.map(|largest| number(&largest.finish(), SLOT_EDGE));
+            Found { place: *place, parts, has_rest: covered.iter().any(|sum| *sum < 255), labels }
         };
         candidates.par_iter().with_min_len(8).map(find).collect()
     }
@@ -230,20 +261,23 @@ impl ResidentRegions {
     /// Takes bricks over: their slots, entries and sets.
     fn put(&mut self, context: &GpuContext, found: Vec<Found>) -> Result<()> {
         self.revision += 1;
-        let num_needed =
-            found.iter().flat_map(|f| &f.parts).filter(|p| matches!(p.held, Some(Held::Partly(_)))).count();
+        let num_needed = found.iter().map(Found::num_slots).sum();
         let mut written = Vec::new();
         let first_entry = self.entries.len();
         let [nx, ny, _] = self.size;
         for Found { place: [x, y, z], .. } in &found {
-            let list = std::mem::take(&mut self.lists[x + nx * (y + ny * z)]);
+            let list = std::mem::replace(&mut self.lists[x + nx * (y + ny * z)], List::NONE);
             let old = &self.entries[list.first as usize..(list.first + list.count) as usize];
-            self.free_slots.extend(old.iter().map(|[_, slot]| *slot).filter(|slot| *slot != WHOLE).map(unpacked));
+            let slots = match self.borders {
+                Borders::Exact => old,
+                Borders::TwoLookUps => &[[0, list.slot]],
+            };
+            self.free_slots.extend(slots.iter().map(|[_, slot]| *slot).filter(|slot| *slot != WHOLE).map(unpacked));
             self.num_stale += old.len();
         }
         self.reserve_slots(context, num_needed)?;
         let mut changed = Vec::with_capacity(found.len());
-        for Found { place: [x, y, z], parts, has_rest } in found {
+        for Found { place: [x, y, z], parts, has_rest, labels } in found {
             let brick = x + nx * (y + ny * z);
             let set: Vec<u32> =
                 has_rest.then_some(0).into_iter().chain(parts.iter().map(|part| part.region + 1)).collect();
@@ -255,23 +289,34 @@ impl ResidentRegions {
             self.set_of_brick[brick] = position;
             changed.push(brick as u32);
             let first = self.entries.len() as u32;
+            let mut slot_of_labels = WHOLE;
             for Part { region, held } in parts {
                 let slot = match held {
                     None => continue,
                     Some(Held::Whole) => WHOLE,
                     Some(Held::Partly(block)) => {
-                        let slot = self.free_slots.pop().unwrap_or_else(|| {
-                            self.num_slots += 1;
-                            self.num_slots - 1
-                        });
-                        written.push((slot, block));
-                        slot
+                        let slot = self.new_slot();
+                        written.push((slot, self.texels_of_memberships(&block)));
+                        packed(slot)
                     }
                 };
-                self.entries.push([region + 1, if slot == WHOLE { WHOLE } else { packed(slot) }]);
+                self.entries.push([region + 1, slot]);
+            }
+            if let Some(Numbered { labels, numbers }) = labels
+                && labels != [0]
+            {
+                let count = labels.len() as u32;
+                self.entries.extend(labels.iter().map(|label| [*label, count]));
+                if count > 1 {
+                    let slot = self.new_slot();
+                    written.push((slot, texels_of_numbers(&numbers)));
+                    slot_of_labels = packed(slot);
+                }
             }
             let count = self.entries.len() as u32 - first;
-            self.lists[brick] = List { first, count };
+            if count > 0 {
+                self.lists[brick] = List { first, count, slot: slot_of_labels };
+            }
             self.longest_list = self.longest_list.max(count);
         }
         self.changes.push_back(changed);
@@ -281,6 +326,24 @@ impl ResidentRegions {
         }
         self.write_slots(context, written);
         self.write_entries(context, first_entry)
+    }
+
+    fn new_slot(&mut self) -> u32 {
+        self.free_slots.pop().unwrap_or_else(|| {
+            self.num_slots += 1;
+            self.num_slots - 1
+        })
+    }
+
+    fn bytes_per_texel(&self) -> usize {
+        if self.format == wgpu::TextureFormat::R8Unorm { 1 } else { 2 }
+    }
+
+    /// What a slot holds of a region's memberships.
+    fn texels_of_memberships(&self, block: &Block) -> Vec<u8> {
+        // 255 becomes 65 535.
+        let repeat = self.bytes_per_texel();
+        inner_rows(block).flatten().flat_map(|value| std::iter::repeat_n(*value, repeat)).collect()
     }
 
     fn reserve_slots(&mut self, context: &GpuContext, num_needed: usize) -> Result<()> {
@@ -314,22 +377,16 @@ impl ResidentRegions {
     }
 
     /// Writes slots: those in a row of the atlas together, as each write costs.
-    fn write_slots(&self, context: &GpuContext, mut written: Vec<(u32, Box<Block>)>) {
-        let wide = self.format == wgpu::TextureFormat::R16Unorm;
-        let texel = if wide { 2 } else { 1 };
+    fn write_slots(&self, context: &GpuContext, mut written: Vec<(u32, Vec<u8>)>) {
+        let texel = self.bytes_per_texel();
         written.sort_unstable_by_key(|(slot, _)| *slot);
-        let in_row =
-            |a: &(u32, Box<Block>), b: &(u32, Box<Block>)| b.0 == a.0 + 1 && !(b.0 as usize).is_multiple_of(SLOTS);
+        let in_row = |a: &(u32, Vec<u8>), b: &(u32, Vec<u8>)| b.0 == a.0 + 1 && !(b.0 as usize).is_multiple_of(SLOTS);
         for row in written.chunk_by(in_row) {
             let width = row.len() * SLOT_EDGE;
             let mut data = vec![0; width * SLOT_EDGE * SLOT_EDGE * texel];
-            for (i, (_, block)) in row.iter().enumerate() {
-                for (j, values) in inner_rows(block).enumerate() {
-                    let first = (j * width + i * SLOT_EDGE) * texel;
-                    for (k, value) in values.iter().enumerate() {
-                        // 255 becomes 65 535.
-                        data[first + k * texel..][..texel].fill(*value);
-                    }
+            for (i, (_, texels)) in row.iter().enumerate() {
+                for (j, texels) in texels.chunks(SLOT_EDGE * texel).enumerate() {
+                    data[(j * width + i * SLOT_EDGE) * texel..][..texels.len()].copy_from_slice(texels);
                 }
             }
             let slot = row[0].0 as usize;
@@ -342,7 +399,8 @@ impl ResidentRegions {
     fn write_entries(&mut self, context: &GpuContext, mut first: usize) -> Result<()> {
         if self.num_stale > 1 << 16 && 2 * self.num_stale > self.entries.len() {
             let mut entries = Vec::with_capacity(self.entries.len() - self.num_stale);
-            for list in &mut self.lists {
+            entries.extend(nowhere(self.borders));
+            for list in self.lists.iter_mut().filter(|list| list.count > 0) {
                 let old = &self.entries[list.first as usize..(list.first + list.count) as usize];
                 list.first = entries.len() as u32;
                 entries.extend_from_slice(old);
@@ -379,11 +437,18 @@ impl ResidentRegions {
     fn write_directory(&self, context: &GpuContext, [x, y, z]: [[usize; 2]; 3]) {
         let [nx, ny, _] = self.size;
         let rows = (z[0]..z[1]).flat_map(|z| (y[0]..y[1]).map(move |y| nx * (y + ny * z)));
-        let data: Vec<[u32; 2]> = rows
-            .flat_map(|row| self.lists[row + x[0]..row + x[1]].iter().map(|list| [list.first, list.count]))
-            .collect();
+        let entry = |list: &List| match self.borders {
+            Borders::Exact => [list.first, list.count],
+            Borders::TwoLookUps => [list.first, list.slot],
+        };
+        let data: Vec<[u32; 2]> = rows.flat_map(|row| self.lists[row + x[0]..row + x[1]].iter().map(entry)).collect();
         let size = [x[1] - x[0], y[1] - y[0], z[1] - z[0]];
         write_box(context, &self.directory, [x[0], y[0], z[0]], size, 8, bytemuck::cast_slice(&data));
+    }
+
+    /// The borders that it was uploaded for.
+    pub fn borders(&self) -> Borders {
+        self.borders
     }
 
     /// Which of the `sets` there is around a brick.
@@ -407,6 +472,19 @@ impl ResidentRegions {
     pub fn views(&self) -> [wgpu::TextureView; 3] {
         [&self.directory, &self.entry_texture, &self.atlas].map(|t| t.create_view(&Default::default()))
     }
+}
+
+/// The entries that bricks with no region around them have: labels are always looked up.
+fn nowhere(borders: Borders) -> &'static [[u32; 2]] {
+    match borders {
+        Borders::Exact => &[],
+        Borders::TwoLookUps => &[[0, 1]],
+    }
+}
+
+/// What a slot holds of labels' numbers.
+fn texels_of_numbers(numbers: &[u16]) -> Vec<u8> {
+    numbers.iter().flat_map(|number| half::f16::from_f32(f32::from(*number)).to_le_bytes()).collect()
 }
 
 /// A slot's place in the atlas as the shader reads it: 10 bits for each axis.

@@ -29,12 +29,15 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/composite",
     "lib/contour",
     "lib/cut_face",
+    "lib/cut_face_labels",
+    "lib/drawn",
     "lib/face",
     "lib/fullscreen",
     "lib/function_one",
     "lib/functions",
     "lib/gradient",
     "lib/gradient_color",
+    "lib/label",
     "lib/meeting",
     "lib/modulated",
     "lib/nodes",
@@ -48,6 +51,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/sample_filtered",
     "lib/sample_loads",
     "lib/seen_color",
+    "lib/seen_label",
     "lib/seen_one",
     "lib/seen_regions",
     "lib/seen_tints",
@@ -81,6 +85,8 @@ pub struct RaycastKey {
     pub alpha: bool,
     /// The object has regions with looks of their own.
     pub regions: bool,
+    /// Their borders are found by two look-ups of labels in place of memberships; never without `regions`.
+    pub labels: bool,
     /// Their looks have several functions from value to opacity, or styles; never without `regions`.
     pub functions: bool,
     /// Some regions are more opaque than others, so that where they end there is a face; never without `regions`.
@@ -112,6 +118,7 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.colors { " colors" } else { "" })?;
         f.write_str(if self.alpha { " alpha" } else { "" })?;
         f.write_str(if self.regions { " regions" } else { "" })?;
+        f.write_str(if self.labels { " labels" } else { "" })?;
         f.write_str(if self.functions { " functions" } else { "" })?;
         f.write_str(if self.cuts { " cuts" } else { "" })?;
         f.write_str(if self.bodies { " bodies" } else { "" })?;
@@ -125,11 +132,13 @@ impl std::fmt::Display for RaycastKey {
 }
 
 impl RaycastKey {
-    /// Every key there is.
+    /// Keys for tests: every combination of what there is, but that contours, transparency and lights are there one at a time or
+    /// all together, and with labels all or none.
     pub fn all() -> impl Iterator<Item = Self> {
+        // Each of these with regions by memberships, then by labels.
         // No regions; regions with one function and several; the same with faces; with bodies; with meetings; with many bodies and
         // with both.
-        let all = (0..8).flat_map(|drawn| (0..13 * 48).map(move |n| (drawn, n)));
+        let all = [0, 1, 2, 4, 7].into_iter().flat_map(|drawn| (0..13 * 48).map(move |n| (drawn, n)));
         let all = all.map(|(drawn, n)| Self {
             contours: drawn & 1 != 0,
             transparency: drawn & 2 != 0,
@@ -141,13 +150,19 @@ impl RaycastKey {
             colors: n % 48 >= 16,
             alpha: n % 48 >= 32,
             regions: n >= 48,
+            labels: false,
             functions: (n / 48) % 2 == 0 && n >= 48,
             cuts: n >= 3 * 48,
             bodies: n >= 5 * 48,
             many_bodies: n >= 9 * 48,
             meetings: (7 * 48..9 * 48).contains(&n) || n >= 11 * 48,
         });
-        all.filter(|key| key.resumed || !key.bodies)
+        let all = all.filter(|key| key.resumed || !key.bodies);
+        let with_labels = |key: &Self| key.regions && key.contours == key.transparency && key.transparency == key.lit;
+        all.flat_map(move |key| {
+            let labeled = Some(Self { labels: true, ..key }).filter(with_labels);
+            std::iter::once(key).chain(labeled)
+        })
     }
 
     /// The WGSL text for this key.
@@ -161,6 +176,7 @@ impl RaycastKey {
             "no_data" => Some(if self.no_data { "bind/validity" } else { "lib/validity_all" }),
             "gradient" => Some(if self.colors { "lib/gradient_color" } else { "lib/gradient" }),
             "function" => Some(if self.functions { "lib/functions" } else { "lib/function_one" }),
+            "seen" if self.labels => Some("lib/seen_label"),
             "seen" if self.functions => Some("lib/seen_regions"),
             "seen" => Some(if self.regions { "lib/seen_tints" } else { "lib/seen_one" }),
             "shade" => Some(if self.lit { "lib/shade_lit" } else { "lib/shade_style" }),
@@ -173,6 +189,7 @@ impl RaycastKey {
             "colors" => Some(self.colors),
             "alpha" => Some(self.alpha),
             "regions" => Some(self.regions),
+            "labels" => Some(self.labels),
             "functions" => Some(self.functions),
             "cuts" => Some(self.cuts),
             "meetings" => Some(self.meetings),

@@ -17,7 +17,9 @@ use crate::gpu::shader_library::{FEW_BODIES, RaycastKey};
 use crate::gpu::upload::{ResidentVolume, extent, table_descriptor};
 use crate::scene::lighting::{MAP_SIZE, MAX_LIGHTS};
 use crate::scene::quality::{MAX_ROUNDS, PARTS};
-use crate::scene::{Camera, Light, Lighting, LightingMap, Object, Projection, Quality, Scene, StyleTransferFunction};
+use crate::scene::{
+    Borders, Camera, Light, Lighting, LightingMap, Object, Projection, Quality, Scene, StyleTransferFunction,
+};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
 use crate::volume::Volume;
@@ -373,6 +375,7 @@ impl RaycastPass {
             colors: resident.colors.is_some(),
             alpha: resident.alpha,
             regions: false,
+            labels: false,
             functions: false,
             cuts: false,
             bodies: false,
@@ -388,6 +391,7 @@ impl RaycastPass {
         let grid = volume.grid;
         let leaps = skip_empty && scene.quality.step_voxels <= MAX_SKIP_STEP;
         let near = NearPlane::new(&scene.camera, bounding_sphere(object));
+        let labels = regions.is_some_and(|regions| regions.borders() == Borders::TwoLookUps);
         let bound = match regions {
             None => self.bind_look(context, scene, object, resident, leaps),
             Some(regions) => self.bind_regions(context, scene, object, resident, regions, &near, leaps)?,
@@ -396,6 +400,7 @@ impl RaycastPass {
             None => key,
             Some(s) => RaycastKey {
                 regions: true,
+                labels,
                 functions: s.functions.is_some(),
                 cuts: s.cuts || s.bodies.is_some(),
                 bodies: s.bodies.is_some(),
@@ -511,7 +516,7 @@ impl RaycastPass {
         leaps: bool,
     ) -> Result<Bound> {
         let lengths_mm = in_steps(usual_length_mm(scene, object));
-        let known = self.region_looks.iter().position(|looks| looks.is_of(object, lengths_mm, leaps));
+        let known = self.region_looks.iter().position(|looks| looks.is_of(object, regions, lengths_mm, leaps));
         let i = match known {
             Some(i) => i,
             None => {

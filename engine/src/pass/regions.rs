@@ -13,7 +13,7 @@ use crate::gpu::upload::{ResidentVolume, extent};
 use crate::scene::lighting::MAX_LIGHTS;
 use crate::scene::quality::PARTS;
 use crate::scene::region::MAX_OPACITY_FUNCTIONS;
-use crate::scene::{Look, Object, Role, StyleTransferFunction};
+use crate::scene::{Borders, Look, Object, Role, StyleTransferFunction};
 use crate::volume::Volume;
 
 /// Cells along each axis of what tells whether anything shows between two values.
@@ -65,6 +65,7 @@ pub struct RegionLooks {
     lengths_mm: f64,
     leaps: bool,
     is_lit: bool,
+    borders: Borders,
     drawn: Drawn,
     /// Some looks are more opaque than others.
     pub cuts: bool,
@@ -163,8 +164,9 @@ impl Tables {
 
 impl RegionLooks {
     /// Whether it is what [`RegionLooks::new`] would make, but for edits of selections.
-    pub fn is_of(&self, object: &Object, lengths_mm: f64, leaps: bool) -> bool {
-        (self.lengths_mm, self.leaps, self.is_lit) == (lengths_mm, leaps, object.lighting.is_some())
+    pub fn is_of(&self, object: &Object, regions: &ResidentRegions, lengths_mm: f64, leaps: bool) -> bool {
+        (self.lengths_mm, self.leaps, self.borders) == (lengths_mm, leaps, regions.borders())
+            && self.is_lit == object.lighting.is_some()
             && self.drawn.is(object)
     }
 
@@ -266,6 +268,7 @@ impl RegionLooks {
             lengths_mm,
             leaps,
             is_lit: object.lighting.is_some(),
+            borders: regions.borders(),
             drawn: Drawn::of(object),
             cuts,
             function: visible.transfer_function.clone(),
@@ -340,9 +343,10 @@ impl RegionLooks {
 
     /// Rounds of the shader's loops that a piece takes at most, with one look a part, and that a further look takes.
     pub fn rounds(&self, regions: &ResidentRegions) -> [u32; 2] {
-        // A look goes over the brick's list and the background, and so does the face of a piece.
+        // A look goes over the brick's list and the background, and so does the face of a piece; with labels the face alone.
         let list = regions.longest_list + 1;
-        let look = 2 + list * if self.is_lit { 1 + MAX_LIGHTS as u32 } else { 1 };
+        let shade = if self.is_lit { 1 + MAX_LIGHTS as u32 } else { 1 };
+        let look = 2 + shade * if self.borders == Borders::Exact { list } else { 1 };
         let num_layers = if self.functions.is_some() { self.layers.len() as u32 } else { 0 };
         let own = num_layers + list + (PARTS + 1) * (1 + look);
         let num_bodies = self.drawn.bodies.len() as u32;

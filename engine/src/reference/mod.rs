@@ -11,6 +11,7 @@
 pub mod bodies;
 pub mod color;
 pub mod contour;
+pub mod label;
 pub mod lighting;
 pub mod opacity;
 pub mod piece;
@@ -28,12 +29,13 @@ pub use walk::March;
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::scene::{Object, Scene};
+use crate::scene::{Borders, Object, Scene};
 use crate::volume::Voxel;
 use crate::volume::no_data::fill_no_data;
 use crate::with_voxels;
 use bodies::prepare_bodies;
 use color::{Jacobian, premultiplied};
+use label::Labels;
 use ray::ray_from_pixel;
 use sample::{Lattice, gradient_max, gradient_volume, sample_volume, steepest};
 use walk::{Colors, Prepared};
@@ -189,6 +191,7 @@ fn prepare<'a>(scene: &'a Scene, object: &'a Object) -> Result<Prepared<'a>> {
         let voxels = Lattice { dims, values: colors.iter().map(|&color| premultiplied(color)).collect() };
         Colors { gradient_volume: gradient_volume(&voxels, &volume.grid, object.gradient_scale_mm), voxels }
     });
+    let has_labels = scene.quality.borders == Borders::TwoLookUps && !object.regions.is_empty();
     Ok(Prepared {
         grid: volume.grid,
         gradient_volume: gradient_volume(&data, &volume.grid, object.gradient_scale_mm),
@@ -202,6 +205,7 @@ fn prepare<'a>(scene: &'a Scene, object: &'a Object) -> Result<Prepared<'a>> {
         data,
         validity,
         world_gradient_from_index,
+        labels: has_labels.then(|| Labels::new(&object.regions)),
         value_range: object.data_range(),
         bodies: prepare_bodies(object),
         reference_length_mm: object.reference_length_mm(),

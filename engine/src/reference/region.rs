@@ -93,7 +93,8 @@ pub fn joined(a: Face, b: Face) -> Face {
     Face { normal, weight: a.weight.max(b.weight) }
 }
 
-fn smoothstep(from: f64, to: f64, x: f64) -> f64 {
+/// From 0 to 1 as `x` goes from `from` to `to`.
+pub fn smoothstep(from: f64, to: f64, x: f64) -> f64 {
     let x = ((x - from) / (to - from)).clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }

@@ -7,6 +7,7 @@ use glam::{DMat3, DVec3, DVec4};
 use super::bodies::{Interval, PreparedBody, Shown, combine, intervals};
 use super::color::{Jacobian, luminance};
 use super::contour::{coverage, curvature, extent, modulated, pushed};
+use super::label::Labels;
 use super::lighting::lit;
 use super::opacity::opacity_correct;
 use super::piece::{Piece, classify_piece};
@@ -18,7 +19,7 @@ use super::style::{
     style_level, style_normal, surface_normal,
 };
 use crate::scene::quality::PARTS;
-use crate::scene::{Camera, Lighting, Quality};
+use crate::scene::{Borders, Camera, Lighting, Quality};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
 
@@ -41,6 +42,8 @@ pub struct Prepared<'a> {
     pub world_gradient_from_index: DMat3,
     /// Smallest and largest data value.
     pub value_range: (f64, f64),
+    /// For the twin of borders by two look-ups.
+    pub labels: Option<Labels>,
     /// What rests, and what was moved.
     pub bodies: Vec<PreparedBody<'a>>,
     /// d₀, mm: the shortest of theirs.
@@ -131,6 +134,8 @@ struct Line<'a> {
     frame: RayFrame,
     origin: DVec3,
     direction: DVec3,
+    /// Where borders are found by two look-ups.
+    labels: Option<&'a Labels>,
 }
 
 impl<'a> Line<'a> {
@@ -150,7 +155,22 @@ impl<'a> Line<'a> {
             frame: ray_frame(camera, ray.direction),
             origin: body.index_from_world.transform_point3(ray.origin_mm),
             direction: body.index_from_world.matrix3 * ray.direction,
+            labels: None,
         }
+    }
+
+    /// With the borders of a setting.
+    fn with_borders(self, borders: Borders) -> Self {
+        let labels = self.object.labels.as_ref().filter(|_| borders == Borders::TwoLookUps);
+        Self { labels, ..self }
+    }
+
+    /// How much of `t` each look has.
+    fn shares(&self, t: f64) -> Vec<f64> {
+        let looks = &self.body.looks;
+        let Some(labels) = self.labels else { return shares(looks, self.at(t)) };
+        let (own, share) = labels.share(self.at(t));
+        (0..looks.len()).map(|look| if look == own { share } else { 0.0 }).collect()
     }
 
     /// Index position at `t` mm.
@@ -272,7 +292,11 @@ impl<'a> Line<'a> {
             return Face { normal: DVec3::ZERO, weight: 0.0 };
         }
         let opacities: Vec<f64> = looks.iter().zip(shown).map(|(look, shown)| look.opacity * shown).collect();
-        self.body.turned_face(cut_face(looks, self.at(t), &opacities, self.object.world_gradient_from_index))
+        let (p, to_world) = (self.at(t), self.object.world_gradient_from_index);
+        self.body.turned_face(match self.labels {
+            None => cut_face(looks, p, &opacities, to_world),
+            Some(labels) => labels.cut_face(p, &opacities, to_world),
+        })
     }
 
     /// What shows of a stretch: of each look what `seen` says. The looks share the place at `t` (mm); `cut` is the face that the regions make there. Straight color, opacity of a
@@ -281,7 +305,7 @@ impl<'a> Line<'a> {
         let looks = &self.body.looks;
         let mut shown = [0.0; 4];
         let mut present = 0.0;
-        for ((look, share), seen) in looks.iter().zip(shares(looks, self.at(t))).zip(seen) {
+        for ((look, share), seen) in looks.iter().zip(self.shares(t)).zip(seen) {
             if share <= 0.0 {
                 continue;
             }
@@ -380,8 +404,11 @@ pub fn march_pieces(
     largest_turn: f64,
 ) -> March {
     let mut result = March::default();
-    let lines: Vec<Line<'_>> =
-        object.bodies.iter().map(|body| Line::new(object, body, camera, image_height, ray)).collect();
+    let lines = object
+        .bodies
+        .iter()
+        .map(|body| Line::new(object, body, camera, image_height, ray).with_borders(quality.borders));
+    let lines: Vec<Line<'_>> = lines.collect();
     for interval in intervals(&object.bodies, ray) {
         let pieces = pieces(object, &interval, ray, quality.step_voxels);
         result.num_samples += pieces.count;

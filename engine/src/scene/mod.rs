@@ -15,7 +15,7 @@ use glam::DVec3;
 pub use camera::{Camera, Projection};
 pub use lighting::{Light, LightFrame, Lighting, LightingMap};
 pub use moved::{Body, Meeting, Meetings, Moved, Role};
-pub use quality::Quality;
+pub use quality::{Borders, Quality};
 pub use region::{Look, Region};
 pub use transfer_function::{Contours, StyleTransferFunction, TransferFunctionNode};
 

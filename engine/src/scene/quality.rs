@@ -16,6 +16,19 @@ pub struct Quality {
     pub style_change: f64,
     /// ε_t: a ray ends when its transmittance falls below this; its color is then divided by its opacity.
     pub termination: f64,
+    /// How the borders of regions are found.
+    pub borders: Borders,
+}
+
+/// How a place is shared out among regions (docs/rendering.md §8).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Borders {
+    /// By the memberships of all regions that are there: what a picture means.
+    #[default]
+    Exact,
+    /// By the nearest voxel's label and how far the interpolated label is from it (Lindholm and Bock, "Poor Man's Rendering of
+    /// Segmented Data"): each place has one look, whatever the number of regions, and borders between them become gaps.
+    TwoLookUps,
 }
 
 /// Parts that a piece in which something shows is cut into: a fourth of the samples is enough to find it (`PARTS` of
@@ -46,7 +59,7 @@ impl Quality {
     }
 
     const fn balanced_at(step_voxels: f64, style_change: f64) -> Self {
-        Self { step_voxels, style_change, termination: step_voxels / 1024.0 }
+        Self { step_voxels, style_change, termination: step_voxels / 1024.0, borders: Borders::Exact }
     }
 
     /// How many pieces one pass of the raycaster may walk: software adapters end a shader's loops silently after 65 535

@@ -9,20 +9,20 @@ use fabrica_engine::Progress;
 use fabrica_engine::gpu::AdapterChoice;
 use fabrica_engine::measure::{median, samples_per_ray};
 use fabrica_engine::render::RenderOptions;
-use fabrica_engine::scene::{Camera, Scene};
+use fabrica_engine::scene::{Camera, Quality, Scene};
 use glam::{DQuat, DVec3};
 use serde::Serialize;
 
 use super::progress_bar::Bar;
-use super::setup::{self, Adapter, Stage};
+use super::setup::{self, Adapter, BordersName, Stage};
 use super::{print_line, volumes};
 use crate::figure::bridge;
 use crate::figure::template::QualityName;
 
 const AFTER_HELP: &str = "\
 The first frame (upload, compilation) is timed alone, then N more, each from a new direction.
-JSON: fabrica, template, title, dims, size, frames, orbit_deg, quality {name, step_voxels, style_change, termination},
-adapter {name, backend, kind, driver}, samples_per_ray, first_ms, median_ms, min_ms, max_ms, frame_ms [N],
+JSON: fabrica, template, title, dims, size, frames, orbit_deg, quality {name, step_voxels, style_change, termination,
+borders}, adapter {name, backend, kind, driver}, samples_per_ray, first_ms, median_ms, min_ms, max_ms, frame_ms [N],
 peak_memory_mb (null where the system does not tell). docs/bench.md says what each means.";
 
 #[derive(clap::Args, Debug)]
@@ -44,6 +44,9 @@ pub struct Arguments {
     /// In place of the template's.
     #[arg(long, value_enum)]
     quality: Option<QualityName>,
+    /// How the borders of regions are found (docs/rendering.md §8).
+    #[arg(long, value_enum, default_value_t)]
+    borders: BordersName,
     /// software, hardware, or a part of an adapter's name (see `fabrica adapters`).
     #[arg(long, value_name = "NAME", default_value = "auto")]
     adapter: AdapterChoice,
@@ -84,6 +87,7 @@ struct Setting {
     step_voxels: f64,
     style_change: f64,
     termination: f64,
+    borders: BordersName,
 }
 
 /// Draws and reports.
@@ -96,7 +100,7 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     let Stage { template, mut scene, mut renderer } =
         Stage::load(&arguments.template, &arguments.volumes, &arguments.adapter, matches, &progress)?;
     let name = arguments.quality.unwrap_or(template.quality);
-    scene.quality = bridge::quality(name);
+    scene.quality = Quality { borders: arguments.borders.into(), ..bridge::quality(name) };
     let (pivot, axis) = (center_mm(&scene), up_axis(template.camera.up));
     let first_camera = scene.camera;
     let mut frame_ms = Vec::with_capacity(arguments.frames as usize);
@@ -133,6 +137,7 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
             step_voxels: scene.quality.step_voxels,
             style_change: scene.quality.style_change,
             termination: scene.quality.termination,
+            borders: arguments.borders,
         },
         adapter: Adapter::from(&renderer.context().adapter),
         samples_per_ray: samples / f64::from(arguments.frames),
@@ -154,7 +159,7 @@ fn in_words(r: &Report) -> String {
     let mut lines = vec![
         format!("adapter      {} ({}, {}, {})", r.adapter.name, r.adapter.driver, r.adapter.backend, r.adapter.kind),
         format!(
-            "picture      {} x {} pixels of {} x {} x {} voxels, {} (step {} voxels, style change {}, rays end at {})",
+            "picture      {} x {} pixels of {} x {} x {} voxels, {} (step {} voxels, style change {}, rays end at {}{})",
             r.size[0],
             r.size[1],
             r.dims[0],
@@ -163,7 +168,8 @@ fn in_words(r: &Report) -> String {
             setup::name_of(r.quality.name),
             r.quality.step_voxels,
             setup::significant(r.quality.style_change),
-            setup::fraction_text(r.quality.termination)
+            setup::fraction_text(r.quality.termination),
+            if r.quality.borders == BordersName::Exact { "" } else { ", borders by two look-ups" }
         ),
         format!("first frame  {:.1} ms, upload and compilation included", r.first_ms),
         format!(

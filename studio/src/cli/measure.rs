@@ -12,13 +12,14 @@ use serde::Serialize;
 
 use super::plot::{self, Plot};
 use super::progress_bar::Bar;
-use super::setup::{self, Adapter, Stage};
+use super::setup::{self, Adapter, BordersName, Stage};
 use super::{UsageError, print_line, volumes};
 use crate::memory;
 
 const AFTER_HELP: &str = "\
 Each setting gets the median time of a frame, the samples on a ray, and the error against the f64 reference,
-refined until it stands still. * marks the Pareto front: nothing else is as fast and as accurate.
+refined until it stands still. A figure with regions has its named qualities once more with borders by two
+look-ups, as \"two\" (docs/rendering.md §8). * marks the Pareto front: nothing else is as fast and as accurate.
 The reference is slow and takes memory: measure small volumes (128 voxels a side) and small pictures.
 docs/bench.md has the fields of the JSON.";
 
@@ -74,6 +75,7 @@ struct Setting {
     style_change: f64,
     termination: f64,
     quality: Option<&'static str>,
+    borders: BordersName,
     ms: f64,
     samples_per_ray: f64,
     codes: Deviation,
@@ -88,6 +90,7 @@ impl From<&Row> for Setting {
             style_change: row.quality.style_change,
             termination: row.quality.termination,
             quality: setup::quality_name(row.quality),
+            borders: row.quality.borders.into(),
             ms: row.ms,
             samples_per_ray: row.samples_per_ray,
             codes: row.difference.codes,
@@ -183,20 +186,23 @@ fn table(report: &Report) -> String {
         ),
         reference_line(report),
         String::new(),
-        format!("{:39}{:>8}{:>10}{:>30}{:>30}", "", "time", "samples", "error, 8-bit codes", "error, linear x 1000"),
+        format!("{:42}{:>8}{:>10}{:>30}{:>30}", "", "time", "samples", "error, 8-bit codes", "error, linear x 1000"),
         format!(
-            "  {:>8} {:>6} {:>8}  {:9} {:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}",
+            "  {:>8} {:>6} {:>8}  {:12} {:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}",
             "step", "change", "end", "", "ms/frame", "per ray", "RMSE", "p99.9", "max", "RMSE", "p99.9", "max"
         ),
     ];
     for s in &report.settings {
         let mut line = format!(
-            "{} {:>8} {:>6} {:>8}  {:9} {:>10.3}{:>10.1}",
+            "{} {:>8} {:>6} {:>8}  {:12} {:>10.3}{:>10.1}",
             if s.pareto { '*' } else { ' ' },
             s.step_voxels,
             setup::significant(s.style_change),
             setup::fraction_text(s.termination),
-            s.quality.unwrap_or_default(),
+            match s.borders {
+                BordersName::Exact => s.quality.unwrap_or_default().to_owned(),
+                BordersName::TwoLookUps => format!("{} two", s.quality.unwrap_or_default()),
+            },
             s.ms,
             s.samples_per_ray
         );
@@ -241,6 +247,8 @@ fn plot_of(report: &Report) -> Plot {
         points: report
             .settings
             .iter()
+            // The plot is about steps and style changes.
+            .filter(|s| s.borders == BordersName::Exact)
             .map(|s| plot::Point {
                 ms: s.ms,
                 p999: s.codes.p999,

@@ -8,11 +8,11 @@ use fabrica_engine::estimate::{self, Estimate};
 use fabrica_engine::gpu::{AdapterChoice, GpuContext};
 use fabrica_engine::image_out::{PngOptions, save_atomic, write_png};
 use fabrica_engine::render::{RenderOptions, Renderer};
-use fabrica_engine::scene::Quality;
+use fabrica_engine::scene::{Borders, Quality};
 use fabrica_engine::{Error, Progress};
 
 use super::progress_bar::Bar;
-use super::setup::{self, parse_size, peak_memory_mb};
+use super::setup::{self, BordersName, parse_size, peak_memory_mb};
 use super::{UsageError, volumes};
 use crate::figure::template::{Background, Page, QualityName};
 use crate::figure::{Template, bridge, sources};
@@ -35,6 +35,9 @@ pub struct Arguments {
     /// In place of the template's.
     #[arg(long, value_enum)]
     quality: Option<QualityName>,
+    /// How the borders of regions are found (docs/rendering.md §8).
+    #[arg(long, value_enum, default_value_t, conflicts_with_all = ["max_error", "budget_ms"])]
+    borders: BordersName,
     /// Choose the cheapest setting whose error, of 99.9 % of the pixels, is estimated to be at most this many 8-bit codes.
     #[arg(long, value_name = "CODES", conflicts_with_all = ["quality", "budget_ms"], allow_negative_numbers = true, value_parser = parse_positive)]
     max_error: Option<f64>,
@@ -125,6 +128,7 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
         notes.iter().for_each(|note| say!("note: {note}"));
     }
     clock.lap("scene");
+    scene.quality.borders = arguments.borders.into();
     let context = adapter.join().map_err(|_| anyhow::anyhow!("the graphics driver crashed; try another adapter"))??;
     clock.lap("waiting for the adapter");
     let mut renderer = Renderer::new(context);
@@ -180,6 +184,9 @@ fn setting(quality: &Quality, estimate: Option<&Estimate>) -> String {
         setup::significant(quality.style_change),
         setup::significant(quality.termination)
     );
+    if quality.borders == Borders::TwoLookUps {
+        words += ", borders by two look-ups";
+    }
     match estimate {
         None => words += "; error not estimated",
         Some(e) => {

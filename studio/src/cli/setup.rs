@@ -9,7 +9,7 @@ use fabrica_engine::gpu::context::AdapterDescription;
 use fabrica_engine::gpu::{AdapterChoice, GpuContext};
 use fabrica_engine::image_out::save_atomic;
 use fabrica_engine::render::Renderer;
-use fabrica_engine::scene::{Quality, Scene};
+use fabrica_engine::scene::{Borders, Quality, Scene};
 use fabrica_engine::{Error, Progress};
 use serde::Serialize;
 
@@ -92,11 +92,41 @@ impl From<&AdapterDescription> for Adapter {
     }
 }
 
-/// The name of a setting that has one.
+/// The name of a setting that has one, whatever its borders.
 pub fn quality_name(quality: Quality) -> Option<&'static str> {
+    let quality = Quality { borders: Borders::Exact, ..quality };
     [QualityName::Draft, QualityName::Standard, QualityName::Final]
         .into_iter()
         .find_map(|name| (bridge::quality(name) == quality).then_some(name_of(name)))
+}
+
+/// How the borders of regions are found, as options write it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum BordersName {
+    /// As the figure means them: by the memberships of all regions.
+    #[default]
+    Exact,
+    /// By the nearest voxel's label and the interpolated one: one look a place, with gaps between regions.
+    TwoLookUps,
+}
+
+impl From<BordersName> for Borders {
+    fn from(name: BordersName) -> Self {
+        match name {
+            BordersName::Exact => Self::Exact,
+            BordersName::TwoLookUps => Self::TwoLookUps,
+        }
+    }
+}
+
+impl From<Borders> for BordersName {
+    fn from(borders: Borders) -> Self {
+        match borders {
+            Borders::Exact => Self::Exact,
+            Borders::TwoLookUps => Self::TwoLookUps,
+        }
+    }
 }
 
 /// A quality's name as templates and options write it.
@@ -168,6 +198,8 @@ mod tests {
         let mut odd = Quality::FINAL;
         odd.step_voxels = 0.3;
         assert_eq!(quality_name(odd), None);
+        let two = Quality { borders: Borders::TwoLookUps, ..Quality::DRAFT };
+        assert_eq!((quality_name(two), two.borders.into()), (Some("draft"), BordersName::TwoLookUps));
         assert_eq!(fraction_text(1.0 / 8192.0), "1/8192");
         assert_eq!(fraction_text(0.3), "0.3");
         assert_eq!(fraction_text(0.0), "0");

@@ -159,7 +159,7 @@ impl Pace {
 
     /// The coarse picture's quality: it looks once at a style, whatever its normal does, and stops early.
     fn coarse(&self) -> Quality {
-        Quality { step_voxels: self.step, style_change: 100.0, termination: 1.0 / 64.0 }
+        Quality { step_voxels: self.step, style_change: 100.0, termination: 1.0 / 64.0, ..Quality::DRAFT }
     }
 
     /// `num_tiles` tiles took `time`.
