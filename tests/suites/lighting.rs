@@ -176,7 +176,7 @@ fn extreme_lights_draw_or_are_a_sentence() {
 
 #[test]
 fn lit_rays_of_many_passes_draw_the_same() {
-    let mut renderer = fabrica_tests::renderer();
+    let mut renderer = renderer();
     let mut scene = lit(VEIL, shiny(), lights(), Quality { step_voxels: 1.0 / 64.0, ..Quality::STANDARD });
     let whole = draw(&mut renderer, &scene, SIZE);
     for options in [
