@@ -17,7 +17,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 pub use moved::{GHOST_OPACITY, MeetingColor, MeetingStrength, MeetingTemplate, MoveTemplate, SCALES};
-pub use region::{LookTemplate, RegionTemplate, RestTemplate, SelectionSlot, StructureTemplate, Tint, is_called};
+pub use region::{
+    IMPORTANCE, LookTemplate, RegionTemplate, RestTemplate, SelectionSlot, StructureTemplate, Tint, is_called,
+};
 pub use voxels::SelectionVoxels;
 
 /// The version that this program writes.

@@ -116,6 +116,8 @@ pub struct Editor {
     answered: Option<Box<VolumeChoice>>,
     /// A slot whose volume could not be read, and why; it is not tried again by itself.
     missing: Option<(VolumeSlot, String)>,
+    /// Slots of selections that could not be read, and that the user wants to hear no more of.
+    missed: Vec<SelectionSlot>,
     file_dialog: Option<FileDialog>,
     dialog: Option<Dialog>,
     /// What was asked for when the figure was to be saved first.
@@ -168,6 +170,7 @@ impl Editor {
             asking: None,
             answered: None,
             missing: None,
+            missed: Vec::new(),
             file_dialog: None,
             dialog: None,
             after_saving: None,
@@ -217,6 +220,11 @@ impl Editor {
     /// The tools, and which of them is in the hand.
     pub fn tools(&self) -> &Tools {
         &self.tools
+    }
+
+    /// The picture of the figure, RGBA, with its columns and rows; none before the first whole one.
+    pub fn picture_pixels(&self) -> Option<(&[u8], [usize; 2])> {
+        self.viewport.picture.pixels()
     }
 
     /// The thread that draws.
