@@ -292,7 +292,7 @@ impl Editor {
         let folder = open.folder().to_owned();
         let why = self.missing.as_ref().map_or("The figure's volume was not read", |(_, why)| why).to_owned();
         ui.horizontal_wrapped(|ui| {
-            ui.colored_label(theme::tokens(&ctx).error, why);
+            ui.colored_label(theme::tokens(&ctx).error, Banner::new(why).text);
             let choose = ui.button("Choose a file…");
             if choose.on_hover_text("This volume in another place, or another one; the look stays").clicked() {
                 self.ask_for_path(&ctx, Purpose::Volume(number));
@@ -317,7 +317,7 @@ impl Editor {
     pub(super) fn missing_selections(&mut self, ui: &mut Ui, number: usize, why: &str) {
         let ctx = ui.ctx().clone();
         ui.horizontal_wrapped(|ui| {
-            ui.colored_label(theme::tokens(&ctx).error, why);
+            ui.colored_label(theme::tokens(&ctx).error, Banner::new(why).text);
             let hint =
                 "This label map in another place, or that of another scan; the looks stay by the structures' names";
             if ui.button("Choose a file…").on_hover_text(hint).clicked() {

@@ -467,11 +467,11 @@ impl Tools {
         }
     }
 
-    /// Follows the hand: in the figure and in slices, of which `aimed` is what is under the pointer.
-    pub fn follow(&mut self, ui: &Ui, open: &mut OpenFigure, aimed: Option<View>) {
+    /// Follows the hand: in the figure and in slices, of which `aimed` is what is under the pointer. Whether the brush has painted.
+    pub fn follow(&mut self, ui: &Ui, open: &mut OpenFigure, aimed: Option<View>) -> bool {
         if !self.takes_primary() {
             self.held = None;
-            return;
+            return false;
         }
         let hands = self.hands(ui, aimed.as_ref());
         // What is drawn anew during a drag is seen from where it began.
@@ -500,7 +500,8 @@ impl Tools {
             self.held = None;
         }
         self.said = said.or(self.said.take());
-        if !Arc::ptr_eq(&before, open.document.figure()) {
+        let has_changed = !Arc::ptr_eq(&before, open.document.figure());
+        if has_changed {
             if self.active == Tool::Brush {
                 self.dab_ms.push(1e3 * begun.elapsed().as_secs_f64());
             }
@@ -512,6 +513,7 @@ impl Tools {
             ui.ctx().request_repaint();
         }
         self.draw(ui, open, view.as_ref());
+        has_changed && self.active == Tool::Brush
     }
 
     /// Begins to select what is in a loop.
