@@ -16,7 +16,7 @@ use fabrica_engine::slice::anatomical::{Convention, Orientation};
 use fabrica_studio::editor::slices::SliceViews;
 use fabrica_studio::editor::{Editor, Options, UiCommand};
 use fabrica_studio::figure::Template;
-use fabrica_studio::figure::template::MoveTemplate;
+use fabrica_studio::figure::template::{MoveTemplate, RegionTemplate, Tint};
 use glam::DVec3;
 
 const FIGURE: &str = r##"{
@@ -190,6 +190,10 @@ fn every_command_can_be_reached_and_says_why_when_it_cannot() {
         harness.step();
         harness.step();
         run(&mut harness, *command);
+        // What it asks comes from a thread.
+        if *command == UiCommand::ReadOtherwise {
+            settle(&mut harness);
+        }
         harness.key_press(Key::Escape);
         harness.step();
         harness.step();
@@ -2023,4 +2027,272 @@ fn where_structures_were_moved_to_is_typed_and_what_they_meet_is_painted() {
     settle(&mut harness);
     assert_eq!(editor(&harness).banner(), None);
     undo_all(&mut harness);
+}
+
+/// The region called so, with its place among the object's.
+fn region_called(harness: &Window, name: &str) -> Option<(usize, RegionTemplate)> {
+    let regions = figure(harness).objects[0].regions.clone();
+    regions.into_iter().enumerate().find(|(_, region)| region.title() == name)
+}
+
+/// The largest ribs are listed first.
+fn by_volume(harness: &mut Window) {
+    click_on(harness, "Order in ribs");
+    harness.step();
+    click_on(harness, "By volume");
+    harness.step();
+}
+
+/// The picture in the window, without the window around it.
+fn picture_pixels(harness: &Window) -> Vec<u8> {
+    editor(harness).picture_pixels().unwrap().0.to_vec()
+}
+
+#[test]
+fn painting_on_a_structure_of_a_label_map_edits_a_copy_of_it() {
+    let place = Place::with_ball();
+    let mut harness = opened_with_ribs(&place);
+    let before = figure(&harness).to_json().unwrap();
+    let drawn = picture_pixels(&harness);
+    let steps = labels(&harness).len();
+    by_volume(&mut harness);
+    click_on(&mut harness, "rib 8");
+    assert!(editor(&harness).disabled(UiCommand::GrowSelection).is_none(), "the menu works on structures as well");
+    harness.key_press(Key::B);
+    harness.step();
+    assert!(harness.query_all_by_label_contains("Target selection").next().is_some());
+    let target =
+        harness.query_by_value("rib 8 (a copy)").is_some() || harness.query_by_label("rib 8 (a copy)").is_some();
+    assert!(target, "the bar says what is painted into");
+    // Choosing alone changes nothing; nor does a stroke that is given up.
+    assert_eq!(figure(&harness).to_json().unwrap(), before);
+    drag(&mut harness, PointerButton::Primary, Vec2::new(30.0, 10.0), false);
+    assert!(painted(&harness, "rib 8").is_some());
+    harness.key_press(Key::Escape);
+    harness.step();
+    let up = Event::PointerButton {
+        pos: MIDDLE + Vec2::new(30.0, 10.0),
+        button: PointerButton::Primary,
+        pressed: false,
+        modifiers: Modifiers::NONE,
+    };
+    harness.event(up);
+    settle(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), before);
+    // One step: a copy with the same look, after its group, and the stroke.
+    drag(&mut harness, PointerButton::Primary, Vec2::new(30.0, 10.0), true);
+    settle(&mut harness);
+    let (number, copy) = region_called(&harness, "rib 8").unwrap();
+    assert!(number == 1 && matches!(copy.look.tint, Some(Tint::Color(_))) && copy.look.transfer_function.is_some());
+    assert_eq!(labels(&harness).len(), steps + 1);
+    assert!(labels(&harness)[steps].starts_with("Paint rib 8, "), "{:?}", labels(&harness));
+    assert_ne!(picture_pixels(&harness), drawn);
+    let one = painted(&harness, "rib 8").unwrap();
+    // Further strokes go into it. It has one row, and its group one less.
+    drag(&mut harness, PointerButton::Primary, Vec2::new(-40.0, 10.0), true);
+    settle(&mut harness);
+    assert!(painted(&harness, "rib 8").unwrap() > one && figure(&harness).selections.len() == 2);
+    assert_eq!(harness.query_all_by_label("rib 8").count(), 2, "its row, and the name above its properties");
+    assert!(harness.unnamed_widgets().is_empty());
+    // What is written is read as it was.
+    let text = figure(&harness).to_json().unwrap();
+    assert_eq!(Template::parse(&text).unwrap(), figure(&harness));
+    // Back to the file's own, to the last pixel; the structure is chosen again, and painted on again.
+    run(&mut harness, UiCommand::Undo);
+    run(&mut harness, UiCommand::Undo);
+    settle(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), before);
+    assert_eq!(picture_pixels(&harness), drawn);
+    harness.step();
+    drag(&mut harness, PointerButton::Primary, Vec2::new(30.0, 10.0), true);
+    settle(&mut harness);
+    assert_eq!(painted(&harness, "rib 8"), Some(one), "{:?}", labels(&harness));
+    // Undone and done again, the copy is what is painted.
+    run(&mut harness, UiCommand::Undo);
+    harness.step();
+    run(&mut harness, UiCommand::Redo);
+    harness.step();
+    drag(&mut harness, PointerButton::Primary, Vec2::new(-40.0, 10.0), true);
+    settle(&mut harness);
+    assert!(painted(&harness, "rib 8").unwrap() > one && figure(&harness).selections.len() == 2);
+    // Without the copy the group is whole again.
+    let pos = row_of(&harness, "rib 8");
+    for pressed in [true, false] {
+        let (button, modifiers) = (PointerButton::Secondary, Modifiers::NONE);
+        harness.event(Event::PointerMoved(pos));
+        harness.event(Event::PointerButton { pos, button, pressed, modifiers });
+        harness.step();
+    }
+    harness.step();
+    // In the menu, not in the panel below.
+    let button =
+        harness.query_all_by_label("Remove region").map(|node| node.rect()).find(|r| r.center().distance(pos) < 250.0);
+    click(&mut harness, button.unwrap().center());
+    settle(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), before);
+    undo_all(&mut harness);
+    assert_eq!(figure(&harness), Template::parse(BALL).unwrap());
+}
+
+#[test]
+fn the_menu_edits_a_copy_of_a_structure_in_one_step() {
+    let place = Place::with_ball();
+    let mut harness = opened_with_ribs(&place);
+    let (before, steps) = (figure(&harness).to_json().unwrap(), labels(&harness).len());
+    by_volume(&mut harness);
+    click_on(&mut harness, "rib 8");
+    run(&mut harness, UiCommand::GrowSelection);
+    settle(&mut harness);
+    assert!(painted(&harness, "rib 8").is_some_and(|n| n > 0.0), "{}", editor(&harness).notice());
+    assert_eq!(labels(&harness).len(), steps + 1);
+    assert!(labels(&harness)[steps].starts_with("Grow rib 8 by "), "{:?}", labels(&harness));
+    run(&mut harness, UiCommand::Undo);
+    settle(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), before);
+}
+
+#[test]
+fn loops_replace_take_away_and_intersect() {
+    let place = Place::with_ball();
+    let mut harness = opened(&place);
+    let first = figure(&harness).to_json().unwrap();
+    run(&mut harness, UiCommand::RectangleTool);
+    let middle = harness.get_by_label_contains("Figure:").rect().center();
+    let far = 150.0;
+    let (left, right) = (middle - Vec2::splat(far), middle + Vec2::splat(far));
+    let half = |harness: &mut Window, modifiers, from: Pos2, to: Pos2| {
+        drag_between(harness, PointerButton::Primary, modifiers, from, to, true);
+        settle(harness);
+        painted(harness, "Selection 1").unwrap_or_else(|| panic!("{}", editor(harness).notice()))
+    };
+    let none = Modifiers::NONE;
+    let whole = half(&mut harness, none, left, right);
+    run(&mut harness, UiCommand::Undo);
+    let a = half(&mut harness, none, left, Pos2::new(middle.x, right.y));
+    // What lies above as well: a quarter. By the key's command, and by keys that are held as the rectangle is begun.
+    for modifiers in [none, Modifiers::SHIFT | Modifiers::ALT] {
+        let mode = if modifiers == none { UiCommand::IntersectMode } else { UiCommand::AddMode };
+        run(&mut harness, mode);
+        let quarter = half(&mut harness, modifiers, left, Pos2::new(right.x, middle.y));
+        assert!((quarter - 0.5 * a).abs() < 0.1 * a, "{quarter} of {a}");
+        let label = labels(&harness).pop().unwrap();
+        assert!(label.starts_with("Rectangle within Selection 1, \u{2212}"), "{label}");
+        run(&mut harness, UiCommand::Undo);
+        harness.step();
+    }
+    // Krita's keys. What goes around nothing leaves the selection as it is.
+    harness.key_press(Key::R);
+    harness.step();
+    let corner = middle + Vec2::new(-150.0, 150.0);
+    assert_eq!(half(&mut harness, none, corner, corner + Vec2::new(9.0, -9.0)), a);
+    let other = half(&mut harness, none, Pos2::new(middle.x, left.y), right);
+    assert!((other - (whole - a)).abs() < 0.1 * whole, "{other} of {whole} without {a}");
+    assert!(
+        labels(&harness).pop().unwrap().starts_with("Rectangle in place of Selection 1, "),
+        "{:?}",
+        labels(&harness)
+    );
+    harness.key_press(Key::A);
+    harness.step();
+    let all = half(&mut harness, none, left, right);
+    assert!((all - whole).abs() < 1.0, "{all} of {whole}");
+    harness.key_press(Key::S);
+    harness.step();
+    let rest = half(&mut harness, none, left, Pos2::new(middle.x, right.y));
+    assert!((rest - other).abs() < 0.1 * whole, "{rest}, {other}");
+    // Where it takes away, Alt adds; Shift always does.
+    for modifiers in [Modifiers::ALT, Modifiers::SHIFT] {
+        let again = half(&mut harness, modifiers, left, right);
+        assert!((again - whole).abs() < 1.0, "{again} of {whole}");
+        run(&mut harness, UiCommand::Undo);
+        harness.step();
+    }
+    assert!(harness.unnamed_widgets().is_empty(), "{:?}", harness.unnamed_widgets());
+    undo_all(&mut harness);
+    assert_eq!(figure(&harness).to_json().unwrap(), first);
+}
+
+#[test]
+fn ranges_of_structures_are_chosen_as_in_every_list() {
+    let place = Place::with_ball();
+    let mut harness = opened_with_ribs(&place);
+    let importance =
+        |harness: &Window, rib: usize| figure(harness).objects[0].regions[0].importance_of(Some(&format!("rib {rib}")));
+    let shift = Modifiers::SHIFT;
+    click_on(&mut harness, "rib 2");
+    // Shift: from there, and again from there. Ctrl: one more, from which ranges then go on; with both, as well.
+    click_with(&mut harness, shift, "rib 5");
+    click_with(&mut harness, shift, "rib 3");
+    assert!(harness.query_by_label("2 structures").is_some());
+    click_with(&mut harness, Modifiers::COMMAND, "rib 5");
+    click_with(&mut harness, Modifiers::COMMAND | shift, "rib 6");
+    assert!(harness.query_by_label("4 structures").is_some());
+    // All of them get what is typed, in one step.
+    let before = labels(&harness).len();
+    click_on(&mut harness, "Importance");
+    let field = harness.query_all_by_label("Importance").map(|node| node.rect()).next_back().unwrap();
+    drag_from(&mut harness, field.left_center() + Vec2::new(4.0, 0.0), field.right_center() - Vec2::new(2.0, 0.0));
+    assert_eq!(
+        [1, 2, 3, 4, 5, 6, 7].map(|rib| importance(&harness, rib) > 1.0),
+        [false, true, true, false, true, true, false]
+    );
+    let said = labels(&harness).pop().unwrap();
+    assert!(said.starts_with("Set importance of 4 structures to "), "{said}");
+    assert!(labels(&harness).len() <= before + 2, "{:?}", labels(&harness));
+    // The list tells, and is sorted by it.
+    click_on(&mut harness, "Order in ribs");
+    harness.step();
+    click_on(&mut harness, "By importance");
+    harness.step();
+    let rows = [2, 3, 5, 6, 4].map(|rib| row_of(&harness, &format!("rib {rib}")).y);
+    assert!(rows.is_sorted(), "{rows:?}");
+    // With Shift, arrows go on as well; Ctrl+A takes all.
+    click_on(&mut harness, "rib 2");
+    harness.key_press_modifiers(shift, Key::ArrowDown);
+    harness.step();
+    harness.step();
+    assert!(harness.query_by_label("2 structures").is_some());
+    harness.key_press_modifiers(shift, Key::ArrowDown);
+    harness.step();
+    harness.step();
+    assert!(harness.query_by_label("3 structures").is_some());
+    harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    harness.step();
+    harness.step();
+    let count = editor(&harness).document().unwrap().figure().objects[0].regions.len();
+    assert!(count == 1 && harness.query_all_by_label_contains(" structures").next().is_some());
+    assert!(harness.unnamed_widgets().is_empty(), "{:?}", harness.unnamed_widgets());
+    undo_all(&mut harness);
+    assert_eq!(figure(&harness), Template::parse(BALL).unwrap());
+}
+
+#[test]
+fn a_missing_label_map_is_asked_for() {
+    let place = Place::with_ball();
+    let there = ribs(&place);
+    let with_ribs = BALL.replace(
+        "\"objects\": [{",
+        "\"selections\": [{\"name\": \"ribs\", \"volume\": \"ball\", \
+        \"file\": \"nowhere.seg.nrrd\"}], \"objects\": [{ \"regions\": [{\"selection\": \"ribs\"}], ",
+    );
+    std::fs::write(place.path("figure.json"), with_ribs).unwrap();
+    let mut harness = harness(Some(place.path("figure.json")));
+    settle(&mut harness);
+    assert!(harness.query_all_by_label_contains("nowhere.seg.nrrd").next().is_some());
+    assert!(harness.unnamed_widgets().is_empty());
+    let before = figure(&harness).to_json().unwrap();
+    click_on(&mut harness, "Choose a file…");
+    enter(&mut harness, &there.display().to_string());
+    settle(&mut harness);
+    assert_eq!(editor(&harness).banner(), None);
+    assert!(figure(&harness).selections[0].file.as_ref().unwrap().ends_with("ribs.seg.nrrd"));
+    assert_eq!(labels(&harness), ["Use ribs.seg.nrrd"]);
+    assert!(harness.query_all_by_label("rib 2").next().is_some() && harness.query_by_label("Choose a file…").is_none());
+    // Undo asks again, until one wants to hear no more of it.
+    run(&mut harness, UiCommand::Undo);
+    settle(&mut harness);
+    harness.step();
+    assert_eq!(figure(&harness).to_json().unwrap(), before);
+    click_on(&mut harness, "Not now");
+    assert!(harness.query_by_label("Choose a file…").is_none());
 }

@@ -141,6 +141,9 @@ fn path(ui: &mut Ui, purpose: Purpose, text: &mut String) -> Option<Choice> {
         Purpose::OpenFolder => ("Open a folder that holds a volume", "Open"),
         Purpose::Save => ("Save the figure as", "Save"),
         Purpose::Volume(_) => ("Use another volume in this figure", "Use"),
+        Purpose::OtherSelections(_) | Purpose::OtherMasks(_) => {
+            ("Use another label map, folder of masks, or selections in this figure", "Use")
+        }
         Purpose::Selections | Purpose::Masks => ("Add a label map, a folder of masks, or selections", "Add"),
     };
     ui.heading(title);

@@ -29,6 +29,10 @@ pub enum Purpose {
     Selections,
     /// A folder of masks for the chosen object.
     Masks,
+    /// A label map or selections for a slot of the figure that has some.
+    OtherSelections(usize),
+    /// A folder of masks for such a slot.
+    OtherMasks(usize),
 }
 
 /// A dialog that is open.
@@ -69,10 +73,10 @@ impl FileDialog {
             Purpose::Volume(_) => {
                 Box::pin(dialog.add_filter("Volumes", &volumes).add_filter("All files", &["*"]).pick_file())
             }
-            Purpose::Selections => {
+            Purpose::Selections | Purpose::OtherSelections(_) => {
                 Box::pin(dialog.add_filter("Label maps", &volumes).add_filter("All files", &["*"]).pick_file())
             }
-            Purpose::OpenFolder | Purpose::Masks => Box::pin(dialog.pick_folder()),
+            Purpose::OpenFolder | Purpose::Masks | Purpose::OtherMasks(_) => Box::pin(dialog.pick_folder()),
             Purpose::Save => {
                 let name = near.file_name().unwrap_or_default().to_string_lossy();
                 Box::pin(dialog.add_filter("Figures", &["json"]).set_file_name(name).save_file())

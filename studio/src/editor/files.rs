@@ -197,7 +197,8 @@ pub fn load_selections(
 ) -> Result<Arc<Selections>> {
     match sources::load_selections(slot, folder, volume, progress) {
         Err(error) if !is_cancelled(&error) => {
-            Ok(Arc::new(Selections { structures: Vec::new(), notes: vec![wording::sentence(&error) + "."] }))
+            let notes = vec![wording::sentence(&error) + "."];
+            Ok(Arc::new(Selections { notes, is_missing: true, ..Selections::default() }))
         }
         read => read,
     }

@@ -35,6 +35,8 @@ pub struct OpenFigure {
     region: Option<Chosen>,
     /// Structures of the same group that are chosen together with it.
     others: Vec<String>,
+    /// The one of them that ranges go on from; none: the first.
+    anchor: Option<String>,
     /// The part of an object that a style that is carried over the picture would dress.
     pub aimed: Option<(usize, Chosen)>,
     /// Whether the list of regions shall scroll to what is chosen.
@@ -64,6 +66,7 @@ impl OpenFigure {
             object: 0,
             region: None,
             others: Vec::new(),
+            anchor: None,
             aimed: None,
             reveals_region: false,
             node: None,
@@ -139,6 +142,22 @@ impl OpenFigure {
         })
     }
 
+    /// The first slot whose selections could not be read, and why; but for those that are `known` to be missing.
+    pub fn missing_structures(&self, known: &[SelectionSlot]) -> Option<(usize, String)> {
+        let slots = self.document.figure().selections.iter().enumerate();
+        let mut missing = slots.filter(|(_, slot)| !known.contains(slot)).filter_map(|(number, slot)| {
+            let read = self.selections_of(slot).filter(|read| read.is_missing)?;
+            Some((number, read.notes.first()?.clone()))
+        });
+        missing.next()
+    }
+
+    /// What was read for a slot is read anew.
+    pub fn forget_selections(&mut self, slot: &SelectionSlot) {
+        self.selections.retain(|(read, ..)| !read.reads_same(slot));
+        self.scene = None;
+    }
+
     /// Takes what is painted in the figure as it is now for what was read: at once, as it is in memory. To be called whenever
     /// the document may have changed by itself (undo) and before anybody asks for sources.
     pub fn follow_voxels(&mut self) {
@@ -196,6 +215,7 @@ impl OpenFigure {
         }
         (self.object, self.region) = (object, region);
         self.others.clear();
+        self.anchor = None;
     }
 
     /// Chooses structures of the chosen one's group as well; those that are, no longer.
@@ -207,17 +227,40 @@ impl OpenFigure {
                 *first = next;
                 self.node = None;
             }
-        } else if let Some(place) = self.others.iter().position(|other| other == structure) {
+            self.anchor = None;
+            return;
+        }
+        self.anchor = Some(structure.to_owned());
+        if let Some(place) = self.others.iter().position(|other| other == structure) {
             self.others.remove(place);
         } else {
             self.others.push(structure.to_owned());
         }
     }
 
-    /// Chooses all of these structures of the chosen one's group, which stays the first.
-    pub fn choose_all(&mut self, structures: impl IntoIterator<Item = String>) {
-        let Some(Chosen { structure: Some(first), .. }) = &self.region else { return };
-        self.others = structures.into_iter().filter(|structure| structure != first).collect();
+    /// Chooses these structures of the chosen one's group, from the one that ranges go on from; `adds`: as well.
+    pub fn choose_range(&mut self, structures: Vec<String>, adds: bool) {
+        let anchor = self.anchor();
+        let Some(Chosen { structure: Some(first), .. }) = &mut self.region else { return };
+        if !adds {
+            self.others.clear();
+            // What ranges go on from is in each of them.
+            if let Some(anchor) = anchor.and_then(|part| part.structure).filter(|anchor| anchor != first) {
+                *first = anchor;
+                self.node = None;
+            }
+        }
+        let is_new = |s: &String| s != first && !self.others.contains(s);
+        let new: Vec<String> = structures.into_iter().filter(is_new).collect();
+        self.others.extend(new);
+    }
+
+    /// The part that ranges in its list go on from: what was chosen last, but for ranges.
+    pub fn anchor(&self) -> Option<Chosen> {
+        let chosen = self.chosen_region()?;
+        let anchor = self.anchor.as_ref().filter(|anchor| self.others.contains(anchor));
+        let structure = anchor.or(chosen.structure.as_ref()).cloned();
+        Some(Chosen { region: chosen.region, structure })
     }
 
     /// The region that is chosen, as long as there is one.

@@ -17,6 +17,7 @@ use fabrica_engine::progress::Progress;
 use fabrica_engine::render::{RenderOptions, Renderer};
 use fabrica_engine::scene::{Background, Quality, Scene};
 use fabrica_engine::styles::StyleLibrary;
+use fabrica_engine::volume::Volume;
 use fabrica_engine::{color, estimate};
 
 use super::files::is_cancelled;
@@ -35,6 +36,8 @@ pub struct Request {
     pub size: [u32; 2],
     /// A button is down: nothing but the coarse picture is wanted.
     pub coarse_only: bool,
+    /// It shows what a brush has just done.
+    pub is_painted: bool,
 }
 
 /// How far a picture is.
@@ -109,6 +112,10 @@ struct Desk {
     request: Option<(u64, Request)>,
     /// Cancels what is being drawn.
     current: Option<Progress>,
+    /// The volumes of what is being drawn.
+    volumes: Vec<Arc<Volume>>,
+    /// Whether the coarse picture of that is there.
+    is_refining: bool,
     /// The number of the last request.
     number: u64,
     closed: bool,
@@ -125,6 +132,8 @@ pub struct Painter {
 
 /// The time that a coarse picture may take.
 const COARSE: Duration = Duration::from_millis(50);
+/// A coarse picture in the middle of a stroke draws so many times fewer pixels: a hand that paints looks at what it has just done.
+const HURRY: f64 = 2.5;
 /// The time that one submission to the adapter is to take: what else it does, the window's own frames too, waits as long.
 const SUBMISSION: Duration = Duration::from_millis(8);
 /// Edges of tiles, which are what is submitted, cancelled and shown at once.
@@ -146,8 +155,16 @@ struct Pace {
 }
 
 impl Pace {
-    fn coarse_took(&mut self, time: Duration) {
-        let ratio = time.as_secs_f64() / COARSE.as_secs_f64();
+    /// What a request's coarse picture leaves out.
+    fn coarse_stride(&self, request: &Request) -> u32 {
+        let hurry = if request.coarse_only && request.is_painted { HURRY } else { 1.0 };
+        (f64::from(self.stride) * hurry.sqrt()).round() as u32
+    }
+
+    /// A coarse picture took `time` that was drawn at `stride`.
+    fn coarse_took(&mut self, time: Duration, stride: u32) {
+        let share = f64::from(stride).powi(2) / f64::from(self.stride).powi(2);
+        let ratio = share * time.as_secs_f64() / COARSE.as_secs_f64();
         let mut stride = f64::from(self.stride) * ratio.sqrt();
         if stride > STRIDES.1 && self.step < STEPS.1 {
             (self.step, stride) = (2.0 * self.step, stride * FRAC_1_SQRT_2);
@@ -191,14 +208,17 @@ impl Painter {
         Self { desk, updates, thread: Some(thread) }
     }
 
-    /// Asks for a figure; what was asked for before is given up. The number that its updates will carry.
+    /// Asks for a figure; what was asked for before is given up, but for a coarse picture of the same volumes that is on its way: were
+    /// it cancelled by each of the requests of a hand that never rests, none would ever be seen. The number that its updates will carry.
     pub fn ask(&self, request: Request) -> u64 {
         let (desk, bell) = &*self.desk;
         let mut desk = desk.lock().unwrap_or_else(PoisonError::into_inner);
         desk.number += 1;
         let number = desk.number;
+        let same = |(a, b): (&Arc<Volume>, &Arc<Volume>)| Arc::ptr_eq(a, b);
+        let is_same = desk.volumes.iter().zip(&request.sources.volumes).all(same);
         desk.request = Some((number, request));
-        if let Some(current) = &desk.current {
+        if let Some(current) = desk.current.as_ref().filter(|_| desk.is_refining || !is_same) {
             current.cancel();
         }
         bell.notify_one();
@@ -254,6 +274,8 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, styles: &StyleLi
                 if let Some((number, request)) = desk.request.take() {
                     let progress = Progress::new();
                     desk.current = Some(progress.clone());
+                    desk.volumes.clone_from(&request.sources.volumes);
+                    desk.is_refining = false;
                     if std::mem::take(&mut desk.lose_device)
                         && let Some(renderer) = &renderer
                     {
@@ -262,13 +284,26 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, styles: &StyleLi
                     break (number, request, progress);
                 }
                 desk.current = None;
+                desk.volumes.clear();
                 desk = bell.wait(desk).unwrap_or_else(PoisonError::into_inner);
+            }
+        };
+        let tell_drawn = |update: Update| {
+            let is_coarse = matches!(update, Update::Rows { stage: Stage::Coarse, .. });
+            tell(update);
+            if is_coarse {
+                // From here on a new request cancels it, also one that has come meanwhile.
+                let mut desk = desk.0.lock().unwrap_or_else(PoisonError::into_inner);
+                desk.is_refining = true;
+                if desk.request.is_some() {
+                    progress.cancel();
+                }
             }
         };
         let mut once = |renderer: &mut Option<Renderer>| {
             let work = AssertUnwindSafe(|| {
                 open(renderer, choice, tell)
-                    .and_then(|renderer| draw(renderer, number, &request, styles, &mut pace, &progress, tell))
+                    .and_then(|renderer| draw(renderer, number, &request, styles, &mut pace, &progress, &tell_drawn))
             });
             // wgpu's helpers panic where a device is lost between two calls. The window must not lose its painter by that.
             std::panic::catch_unwind(work).unwrap_or_else(|_| {
@@ -325,11 +360,12 @@ fn draw(
         tell(Update::Rows { number, size, y, num_rows, pixels, stage });
     };
     // Coarse: of every `stride`² pixels one.
-    let options = RenderOptions { stride: pace.stride, tile: 4096, ..RenderOptions::default() };
+    let stride = pace.coarse_stride(request);
+    let options = RenderOptions { stride, tile: 4096, ..RenderOptions::default() };
     let coarse = Instant::now();
     let hasty = Scene { quality: pace.coarse(), ..draft.clone() };
     let image = renderer.render(&hasty, request.size, &options, progress)?;
-    pace.coarse_took(coarse.elapsed());
+    pace.coarse_took(coarse.elapsed(), stride);
     rows([image.width, image.height], 0, &image.pixels, Stage::Coarse);
     if request.coarse_only {
         return Ok(());

@@ -37,6 +37,10 @@ pub enum UiCommand {
     LassoTool,
     RectangleTool,
     GrowTool,
+    ReplaceMode,
+    AddMode,
+    SubtractMode,
+    IntersectMode,
     Erase,
     SmallerBrush,
     LargerBrush,
@@ -99,6 +103,10 @@ impl UiCommand {
         C::LassoTool,
         C::RectangleTool,
         C::GrowTool,
+        C::ReplaceMode,
+        C::AddMode,
+        C::SubtractMode,
+        C::IntersectMode,
         C::Erase,
         C::SmallerBrush,
         C::LargerBrush,
@@ -147,6 +155,10 @@ impl UiCommand {
             | C::LassoTool
             | C::RectangleTool
             | C::GrowTool
+            | C::ReplaceMode
+            | C::AddMode
+            | C::SubtractMode
+            | C::IntersectMode
             | C::Erase
             | C::SmallerBrush
             | C::LargerBrush => "Tool",
@@ -183,6 +195,10 @@ impl UiCommand {
             C::LassoTool => "Lasso",
             C::RectangleTool => "Rectangle",
             C::GrowTool => "Click-to-grow",
+            C::ReplaceMode => "Mode: replace",
+            C::AddMode => "Mode: add",
+            C::SubtractMode => "Mode: subtract",
+            C::IntersectMode => "Mode: intersect",
             C::Erase => "Erase or add",
             C::SmallerBrush => "Narrower brush",
             C::LargerBrush => "Wider brush",
@@ -246,6 +262,12 @@ impl UiCommand {
             C::LassoTool => "Selects what is in a loop: drawn freehand, or corner by corner",
             C::RectangleTool => "Selects what is in a rectangle",
             C::GrowTool => "Selects what hangs together with a seed and has values like its own",
+            C::ReplaceMode => "What a tool selects takes the place of the selection",
+            C::AddMode => "What a tool selects goes into the selection; Shift at the beginning of a loop does the same",
+            C::SubtractMode => "What a tool selects is taken out of the selection; Alt at the beginning does the same",
+            C::IntersectMode => {
+                "What lies in both is left of the selection; Shift+Alt at the beginning of a loop does the same"
+            }
             C::Erase => "Whether tools add to a selection or take away; Alt does the same while it is held",
             C::SmallerBrush => "By a tenth; Shift+drag gives any radius",
             C::LargerBrush => "By a tenth; Shift+drag gives any radius",
@@ -313,6 +335,10 @@ impl UiCommand {
             C::LassoTool => (Modifiers::NONE, Key::L),
             C::RectangleTool => (Modifiers::NONE, Key::M),
             C::GrowTool => (Modifiers::NONE, Key::W),
+            // Krita's.
+            C::ReplaceMode => (Modifiers::NONE, Key::R),
+            C::AddMode => (Modifiers::NONE, Key::A),
+            C::SubtractMode => (Modifiers::NONE, Key::S),
             C::Erase => (Modifiers::NONE, Key::E),
             C::SmallerBrush => (Modifiers::NONE, Key::OpenBracket),
             C::LargerBrush => (Modifiers::NONE, Key::CloseBracket),

@@ -52,6 +52,8 @@ pub struct Picture {
     pub error_codes: Option<f64>,
     /// The last request's number: older updates are late.
     number: u64,
+    /// The last request of a figure that is not open any more.
+    forgotten: u64,
     asked: Option<(Arc<Template>, [u32; 2], bool)>,
     asked_at: Option<Instant>,
     /// Pixels of the whole picture as shown, RGBA; kept for thumbnails.
@@ -59,12 +61,22 @@ pub struct Picture {
     size: [usize; 2],
     /// Times from asking to the first rows, ms, of all requests so far.
     pub coarse_ms: Vec<f64>,
+    /// Frames with dabs whose picture is still to come: when they began, and the request that shows them once there is one.
+    dabs: Vec<(Instant, Option<u64>)>,
+    /// Times from the beginning of a frame with dabs to the first picture that shows them, ms.
+    pub dab_ms: Vec<f64>,
 }
 
 impl Picture {
     /// Forgets the picture: another figure is open.
     pub fn clear(&mut self) {
-        *self = Self { number: self.number, coarse_ms: std::mem::take(&mut self.coarse_ms), ..Self::default() };
+        *self = Self {
+            number: self.number,
+            forgotten: self.number,
+            coarse_ms: std::mem::take(&mut self.coarse_ms),
+            dab_ms: std::mem::take(&mut self.dab_ms),
+            ..Self::default()
+        };
     }
 
     /// Whether it is as fine as the figure asks for.
@@ -92,12 +104,19 @@ impl Picture {
         }
         let Some(sources) = open.sources() else {
             // What is shown is of another volume.
-            (self.stage, self.error_codes, self.asked) = (None, None, None);
+            (self.stage, self.error_codes, self.asked, self.forgotten) = (None, None, None, self.number);
             return;
         };
-        self.number = painter.ask(Request { figure: figure.clone(), sources, size, coarse_only });
+        let is_painted = self.dabs.iter().any(|(_, shown_by)| shown_by.is_none());
+        self.number = painter.ask(Request { figure: figure.clone(), sources, size, coarse_only, is_painted });
+        self.dabs.iter_mut().for_each(|(_, shown_by)| *shown_by = shown_by.or(Some(self.number)));
         (self.stage, self.error_codes, self.asked_at) = (None, None, Some(Instant::now()));
         self.asked = Some((figure.clone(), size, coarse_only));
+    }
+
+    /// A frame that began then has painted.
+    pub fn has_dabs(&mut self, begun: Instant) {
+        self.dabs.push((begun, None));
     }
 
     /// Takes in what the painter says; a fault of this picture comes back as a sentence.
@@ -110,10 +129,23 @@ impl Picture {
             }
             Update::Stopped { number } if number == self.number => self.stage = Some(Stage::Stopped),
             Update::Estimated { number, codes } if number == self.number => self.error_codes = Some(codes),
-            Update::Rows { number, size, y, num_rows, pixels, stage } if number == self.number => {
-                if let Some(asked) = self.asked_at.take() {
+            // Of an older request, a coarse picture is still newer than what is seen: a hand that never rests sees it move.
+            Update::Rows { number, size, y, num_rows, pixels, stage }
+                if number == self.number || stage == Stage::Coarse && number > self.forgotten =>
+            {
+                if number == self.number
+                    && let Some(asked) = self.asked_at.take()
+                {
                     self.coarse_ms.push(asked.elapsed().as_secs_f64() * 1e3);
                 }
+                let dab_ms = &mut self.dab_ms;
+                self.dabs.retain(|(begun, shown_by)| {
+                    let is_shown = shown_by.is_some_and(|shown_by| shown_by <= number);
+                    if is_shown {
+                        dab_ms.push(begun.elapsed().as_secs_f64() * 1e3);
+                    }
+                    !is_shown
+                });
                 let image = ColorImage::from_rgba_premultiplied([size[0], num_rows], &pixels);
                 match &mut self.texture {
                     Some(texture) if texture.size() == size && num_rows < size[1] => {
@@ -189,6 +221,8 @@ pub struct Viewport {
     pub is_tools: bool,
     /// Whether the hand rests within a gesture: the picture is refined all the same.
     pub rests: bool,
+    /// Pixels of the whole picture.
+    size: [u32; 2],
     gizmo: Gizmo,
     /// The figure as a tool sees it, where the primary button would be pressed on it.
     aimed: Option<FigureView>,
@@ -254,15 +288,15 @@ impl Viewport {
         self.asked.take()
     }
 
+    /// Asks for the picture of the figure as it is now, after everything that may edit it in a frame: a frame sooner than the next.
+    pub fn ask(&mut self, open: &OpenFigure, painter: &Painter) {
+        if self.size != [0; 2] {
+            self.picture.ask(painter, open, self.size, self.rests);
+        }
+    }
+
     /// Where the camera's frame lies, its picture, its gestures.
-    pub fn show(
-        &mut self,
-        ui: &mut Ui,
-        open: &mut OpenFigure,
-        gallery: &Gallery,
-        function_view: &mut FunctionView,
-        painter_thread: &Painter,
-    ) {
+    pub fn show(&mut self, ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, function_view: &mut FunctionView) {
         let area = ui.available_rect_before_wrap();
         // The panels' edges are theirs to be dragged.
         let response = ui.allocate_rect(area.shrink(EDGE), Sense::click_and_drag());
@@ -287,7 +321,8 @@ impl Viewport {
         self.keys(ui, &response, open);
         wheel(ui, &response, open, frame);
         let size = [frame.width(), frame.height()].map(|n| ((n * scale).round() as u32).max(1));
-        self.picture.ask(painter_thread, open, size, self.rests);
+        // Asked for once nothing in this frame can edit the figure any more.
+        self.size = size;
 
         let painter = ui.painter_at(area);
         painter.rect_filled(frame, 0.0, Color32::WHITE);

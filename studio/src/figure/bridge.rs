@@ -233,7 +233,8 @@ impl Making<'_> {
             let look = self.look(&look, template, object, label)?;
             regions.push(Region { name: label.name.clone(), selection: structure.selection.clone(), look, moved });
         }
-        if regions.is_empty() {
+        // What is drawn otherwise is not missing.
+        if regions.is_empty() && meant(template, structures).next().is_none() {
             self.notes.push(match &template.structure {
                 Some(structure) => {
                     format!(
@@ -312,7 +313,8 @@ fn index_box(
     let mut low = DVec3::INFINITY;
     let mut high = DVec3::NEG_INFINITY;
     let is_meant = |s: &&Structure| structure.is_none_or(|name| template.called(&s.label) == name);
-    let selections = drawn(template, structures).filter(is_meant);
+    // With what a copy is drawn in place of: a group that was moved stays where it is when one of it is painted on.
+    let selections = meant(template, structures).filter(is_meant);
     for bounds in selections.filter_map(|structure| structure.selection.bounds()) {
         low = low.min(DVec3::from_array(bounds.map(|b| b[0] as f64)));
         high = high.max(DVec3::from_array(bounds.map(|b| b[1] as f64 - 1.0)));
@@ -329,6 +331,11 @@ pub fn radius_mm(template: &Template, reference: Option<&Object>) -> f64 {
 
 /// The structures that a region draws, in the order of the scene's regions.
 pub fn drawn<'a>(template: &RegionTemplate, structures: &'a [Structure]) -> impl Iterator<Item = &'a Structure> {
+    meant(template, structures).filter(|s| !template.is_replaced(&s.label))
+}
+
+/// The same, with those that a painted copy is drawn in place of.
+pub fn meant<'a>(template: &RegionTemplate, structures: &'a [Structure]) -> impl Iterator<Item = &'a Structure> {
     let most = if template.structure.is_some() { 1 } else { usize::MAX };
     let wanted = template.structure.clone();
     structures.iter().filter(move |s| wanted.as_deref().is_none_or(|wanted| is_called(&s.label, wanted))).take(most)
@@ -398,7 +405,7 @@ mod tests {
         };
         let liver = structure("liver", [255, 0, 0], [[4, 8], [10, 12], [0, 5]]);
         let spleen = structure("spleen", [0, 0, 255], [[12, 14], [10, 20], [2, 7]]);
-        let selections = Selections { structures: vec![liver, spleen], notes: Vec::new() };
+        let selections = Selections { structures: vec![liver, spleen], ..Selections::default() };
         (template, Sources { volumes: vec![volume], selections: vec![Arc::new(selections)] })
     }
 

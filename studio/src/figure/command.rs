@@ -42,7 +42,6 @@ pub type PartMove = (Option<String>, Option<MoveTemplate>);
 
 /// One edit. Objects, nodes and volume slots are named by their position.
 #[derive(Clone, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "commands are made one at a time and used up at once")]
 pub enum Command {
     /// The figure's title.
     SetTitle(String),
@@ -194,6 +193,37 @@ pub enum Command {
         /// What the edit is called; empty: by the region's name.
         label: String,
     },
+    /// How much a region matters, or structures in it: all the same.
+    SetImportance {
+        /// Of which object.
+        object: usize,
+        /// Which region.
+        region: usize,
+        /// Which structures of a group, by name; none: the region itself.
+        structures: Vec<String>,
+        /// From 0; none: as the group, of a region as usual.
+        importance: Option<f64>,
+    },
+    /// A copy that can be painted on takes the place of a region with one structure, or of a structure of a group.
+    CopyStructure {
+        /// Of which object.
+        object: usize,
+        /// Which region.
+        region: usize,
+        /// Which structure of a group, by name; none: the region itself.
+        structure: Option<String>,
+        /// The voxels.
+        slot: SelectionSlot,
+        /// How they are drawn: after the group, or in the region's place.
+        copy: RegionTemplate,
+    },
+    /// Another file in a slot of selections.
+    SetSelections {
+        /// Which slot.
+        slot: usize,
+        /// What is in it now; its name stays.
+        selections: SelectionSlot,
+    },
     /// What is painted in a slot of selections, in place of what was in it.
     SetVoxels {
         /// The slot's name.
@@ -279,6 +309,22 @@ impl Command {
                 }
                 several => format!("Move {} structures", several.len()),
             },
+            Self::SetImportance { structures, importance, .. } => {
+                let what = match &structures[..] {
+                    [] => "region".to_owned(),
+                    [structure] => structure.clone(),
+                    several => format!("{} structures", several.len()),
+                };
+                match importance {
+                    Some(importance) => format!("Set importance of {what} to {}", short(*importance)),
+                    None => format!("Reset importance of {what}"),
+                }
+            }
+            Self::CopyStructure { copy, .. } => format!("Copy {}", copy.title()),
+            Self::SetSelections { selections, .. } => {
+                let file = selections.file.as_deref().unwrap_or(&selections.name);
+                format!("Use {}", file.rsplit(['/', '\\']).find(|part| !part.is_empty()).unwrap_or(file))
+            }
             Self::SetVoxels { label, .. } => label.clone(),
             Self::SetVolume { slot, volume } => reading(figure.volumes.get(*slot), volume),
         }
@@ -420,9 +466,7 @@ impl Command {
                 let regions = &mut object_of(figure, object)?.regions;
                 region_of(regions, region)?;
                 let slot = regions.remove(region).selection;
-                if figure.objects.iter().all(|o| o.regions.iter().all(|r| r.selection != slot)) {
-                    figure.selections.retain(|s| s.name != slot);
-                }
+                drop_slot(figure, &slot);
             }
             Self::SetLook { object, region, structure, look } => {
                 let region = region_of(&mut object_of(figure, object)?.regions, region)?;
@@ -440,6 +484,32 @@ impl Command {
                 let region = region_of(&mut object_of(figure, object)?.regions, region)?;
                 moves.into_iter().for_each(|(structure, moved)| set_move(region, structure.as_deref(), moved));
             }
+            Self::SetImportance { object, region, structures, importance } => {
+                let region = region_of(&mut object_of(figure, object)?.regions, region)?;
+                match &structures[..] {
+                    [] => region.importance = importance,
+                    some => some.iter().for_each(|s| change_structure(region, s, |of| of.importance = importance)),
+                }
+            }
+            Self::CopyStructure { object, region, structure, slot, copy } => {
+                let regions = &mut object_of(figure, object)?.regions;
+                let original = region_of(regions, region)?;
+                match structure {
+                    Some(structure) => {
+                        change_structure(original, &structure, |of| of.replaced_by = Some(slot.name.clone()));
+                        regions.insert(region + 1, copy);
+                    }
+                    None => {
+                        let before = std::mem::replace(original, copy).selection;
+                        drop_slot(figure, &before);
+                    }
+                }
+                figure.selections.push(slot);
+            }
+            Self::SetSelections { slot, selections } => match figure.selections.get_mut(slot) {
+                Some(place) => *place = SelectionSlot { name: place.name.clone(), ..selections },
+                None => bail!("the figure has no selections number {}", slot + 1),
+            },
             Self::SetVoxels { slot: name, voxels, .. } => {
                 let Some(slot) = figure.selections.iter_mut().find(|s| s.name == name) else {
                     bail!("the figure has no selections \"{name}\"");
@@ -523,6 +593,20 @@ fn region_of(regions: &mut [RegionTemplate], region: usize) -> Result<&mut Regio
     match regions.get_mut(region) {
         Some(found) => Ok(found),
         None => bail!("the object has no region number {}", region + 1),
+    }
+}
+
+/// Takes a slot away that no region uses; what was painted in it leaves room for what it was a copy of.
+fn drop_slot(figure: &mut Template, slot: &str) {
+    if figure.objects.iter().any(|o| o.regions.iter().any(|r| r.selection == slot)) {
+        return;
+    }
+    figure.selections.retain(|s| s.name != slot);
+    for region in figure.objects.iter_mut().flat_map(|o| &mut o.regions) {
+        for structure in &mut region.structures {
+            structure.replaced_by.take_if(|by| by == slot);
+        }
+        region.structures.retain(|s| !s.is_default());
     }
 }
 

@@ -458,6 +458,90 @@ mod tests {
         assert!(document.undo_bytes().abs_diff(bytes) < bytes / 100);
     }
 
+    #[test]
+    fn importance_is_of_regions_and_of_structures_in_them() {
+        let mut document = Document::new(figure());
+        let volume = figure().volumes[0].name.clone();
+        let slot = SelectionSlot::new("organs", &volume, "labels.nii.gz".to_owned());
+        document.apply(Command::AddSelections { object: 0, slot, region: RegionTemplate::of("organs", None) }).unwrap();
+        let before = document.figure().to_json().unwrap();
+        let set = |structures: &[&str], importance| Command::SetImportance {
+            object: 0,
+            region: 0,
+            structures: structures.iter().map(|s| (*s).to_owned()).collect(),
+            importance,
+        };
+        document.apply(set(&["liver", "spleen"], Some(2.5))).unwrap();
+        document.apply(set(&[], Some(0.5))).unwrap();
+        let labels: Vec<&str> = document.labels().skip(1).collect();
+        assert_eq!(labels, ["Set importance of 2 structures to 2.5", "Set importance of region to 0.5"]);
+        let of = |document: &Document, name| document.figure().objects[0].regions[0].importance_of(name);
+        assert_eq!(
+            [Some("liver"), Some("spleen"), Some("aorta"), None].map(|s| of(&document, s)),
+            [2.5, 2.5, 0.5, 0.5]
+        );
+        // It stays with the names, whatever the data are.
+        let next = VolumeSlot::new(&volume, "next.nii".to_owned());
+        document.apply(Command::SetVolume { slot: 0, volume: next }).unwrap();
+        let again = Template::parse(&document.figure().to_json().unwrap()).unwrap();
+        assert_eq!(again.objects[0].regions[0].importance_of(Some("liver")), 2.5);
+        assert!(document.undo());
+        for bad in [-1.0, f64::NAN, f64::INFINITY] {
+            let said = document.apply(set(&["liver"], Some(bad))).unwrap_err().to_string();
+            assert!(said.contains("the structure \"liver\"") && said.contains("0 or more"), "{said}");
+        }
+        document.apply(set(&["liver", "spleen"], None)).unwrap();
+        document.apply(set(&[], None)).unwrap();
+        assert_eq!(document.figure().to_json().unwrap(), before, "what says nothing is not written");
+        while document.undo() {}
+        assert_eq!(document.figure().to_json().unwrap(), figure().to_json().unwrap());
+    }
+
+    #[test]
+    fn a_copy_takes_the_place_of_a_structure_until_it_is_removed() {
+        let mut document = Document::new(figure());
+        let volume = figure().volumes[0].name.clone();
+        let slot = SelectionSlot::new("organs", &volume, "labels.nii.gz".to_owned());
+        document.apply(Command::AddSelections { object: 0, slot, region: RegionTemplate::of("organs", None) }).unwrap();
+        let before = document.figure().to_json().unwrap();
+        let copy = |region, structure: Option<&str>, name: &str| Command::CopyStructure {
+            object: 0,
+            region,
+            structure: structure.map(str::to_owned),
+            slot: SelectionSlot::painted(name, &volume, SelectionVoxels::new(empty())),
+            copy: RegionTemplate::of(name, Some(name.to_owned())),
+        };
+        document.apply(copy(0, Some("liver"), "liver")).unwrap();
+        let regions = |document: &Document| {
+            let regions = &document.figure().objects[0].regions;
+            regions.iter().map(|r| r.selection.clone()).collect::<Vec<_>>()
+        };
+        assert_eq!(regions(&document), ["organs", "liver"]);
+        assert_eq!(document.figure().objects[0].regions[0].structures[0].replaced_by.as_deref(), Some("liver"));
+        // Without its copy, what is in the file is drawn again.
+        document.apply(Command::RemoveRegion { object: 0, region: 1 }).unwrap();
+        assert_eq!(document.figure().to_json().unwrap(), before);
+        // A region with one structure is replaced, and its file with it, if it has no other use.
+        let slot = SelectionSlot::new("tumor", &volume, "tumor.seg.nrrd".to_owned());
+        let region = RegionTemplate::of("tumor", Some("tumor".to_owned()));
+        document.apply(Command::AddSelections { object: 0, slot, region }).unwrap();
+        document.apply(copy(1, None, "tumor 2")).unwrap();
+        assert_eq!(regions(&document), ["organs", "tumor 2"]);
+        assert_eq!(document.figure().selections.iter().map(|s| &s.name).collect::<Vec<_>>(), ["organs", "tumor 2"]);
+        // A template that names what is not there is refused.
+        let text = document.figure().to_json().unwrap();
+        let text = text.replacen(
+            "\"regions\": [\n        {",
+            "\"regions\": [\n        {\n          \"structures\": \
+            [{ \"structure\": \"liver\", \"replaced_by\": \"nothing\" }],",
+            1,
+        );
+        let said = Template::parse(&text).unwrap_err().to_string();
+        assert!(said.contains("\"liver\" is replaced by the selections \"nothing\""), "{said}");
+        while document.undo() {}
+        assert_eq!(document.figure().to_json().unwrap(), figure().to_json().unwrap());
+    }
+
     /// A linear congruential generator: the same walk on every machine.
     struct Dice(u64);
 
@@ -529,7 +613,7 @@ mod tests {
             let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
             let part = (self.below(2) == 0).then(|| Chosen { region: self.below(2), structure });
             let of = FunctionOf { object, part };
-            match self.below(25) {
+            match self.below(28) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
@@ -596,12 +680,30 @@ mod tests {
                     let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
                     Command::SetMove { object, region: self.below(2), moves: vec![(structure, moved)], label }
                 }
+                23 => {
+                    let structures = [vec![], vec!["liver".to_owned()], vec!["liver".to_owned(), "spleen".to_owned()]];
+                    let importance = [None, Some(self.number()), Some(3.0)][self.below(3)];
+                    let structures = structures[self.below(3)].clone();
+                    Command::SetImportance { object, region: self.below(2), structures, importance }
+                }
+                24 => {
+                    let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
+                    let (name, volume) = (["copy", "other"][self.below(2)], &document.figure().volumes[0].name);
+                    let slot = SelectionSlot::painted(name, volume, SelectionVoxels::new(empty()));
+                    let copy = RegionTemplate::of(name, Some(name.to_owned()));
+                    Command::CopyStructure { object, region: self.below(2), structure, slot, copy }
+                }
+                25 => {
+                    let volume = document.figure().volumes[0].name.clone();
+                    let file = format!("{}.nii.gz", self.below(9));
+                    Command::SetSelections { slot: self.below(2), selections: SelectionSlot::new("any", &volume, file) }
+                }
                 19 => {
                     let rest = RestTemplate { visible: self.below(2) == 0, ..RestTemplate::default() };
                     Command::SetRest { object, rest }
                 }
-                22 => Command::SetShading { object, shading: self.shading() },
-                23 => Command::SetLighting { object, lighting: (self.below(3) > 0).then(|| self.lighting()) },
+                26 => Command::SetShading { object, shading: self.shading() },
+                27 => Command::SetLighting { object, lighting: (self.below(3) > 0).then(|| self.lighting()) },
                 _ => Command::MoveNode { of, node, at: self.number(), opacity: self.number() },
             }
         }
@@ -633,8 +735,11 @@ mod tests {
             Command::SetRest { .. } => 20,
             Command::SetVoxels { .. } => 21,
             Command::SetMove { .. } => 22,
-            Command::SetShading { .. } => 23,
-            Command::SetLighting { .. } => 24,
+            Command::SetImportance { .. } => 23,
+            Command::CopyStructure { .. } => 24,
+            Command::SetSelections { .. } => 25,
+            Command::SetShading { .. } => 26,
+            Command::SetLighting { .. } => 27,
         }
     }
 
@@ -647,9 +752,9 @@ mod tests {
     #[test]
     fn a_random_walk_keeps_the_figure_whole_and_can_be_undone_to_its_first_byte() {
         let first = figure().to_json().unwrap();
-        let mut done = [0; 23];
+        let mut done = [0; 26];
         // Each kind that edits a function, on regions and on structures as well.
-        let mut done_on_parts = [0; 46];
+        let mut done_on_parts = [0; 52];
         for seed in 0..20 {
             let mut dice = Dice(seed);
             let mut document = Document::new(figure());

@@ -10,6 +10,8 @@ pub struct Shipped {
     pub name: &'static str,
     /// What it shows and what data it is for.
     pub description: &'static str,
+    /// What it needs that does not come with the program; none: it opens by itself.
+    pub needs: Option<&'static str>,
     text: &'static str,
     /// A small picture of it, PNG; made by `scripts/thumbnails.sh`.
     pub picture: &'static [u8],
@@ -17,14 +19,22 @@ pub struct Shipped {
 
 macro_rules! shipped {
     ($name:literal, $description:literal) => {
+        shipped!($name, $description, None)
+    };
+    ($name:literal, $description:literal, $needs:expr) => {
         Shipped {
             name: $name,
             description: $description,
+            needs: $needs,
             text: include_str!(concat!("../../../templates/", $name, ".json")),
             picture: include_bytes!(concat!("../../../templates/pictures/", $name, ".png")),
         }
     };
 }
+
+/// What the figures of an abdomen need: their data may not be handed on with the program.
+const ABDOMEN: Option<&str> =
+    Some("A CT of the abdomen with a label map of its organs, as TotalSegmentator names them");
 
 /// Every one, in the order in which they are offered.
 pub const SHIPPED: &[Shipped] = &[
@@ -37,6 +47,8 @@ pub const SHIPPED: &[Shipped] = &[
     shipped!("head_jaw", "A selection that meets its ghost: the jaw in green, where it was in red, both in blue"),
     shipped!("turtle", "CT in HU: bones and organs within a shell of amber"),
     shipped!("engine", "Industrial CT: glass castings around brass"),
+    shipped!("abdomen_organs", "A label map: organs in looks by value, hollow ones open", ABDOMEN),
+    shipped!("abdomen_selection", "A label map: one organ in color, the others in plaster", ABDOMEN),
 ];
 
 static TITLES: LazyLock<Vec<String>> = LazyLock::new(|| SHIPPED.iter().map(|s| s.figure().title).collect());
@@ -76,6 +88,9 @@ mod tests {
         assert_eq!(names, files);
         for shipped in SHIPPED {
             assert!(!shipped.figure().title.is_empty() && !shipped.description.is_empty());
+            // What needs nothing opens by itself.
+            let opens = shipped.figure().volumes.iter().all(|v| v.file.starts_with("specimen:"));
+            assert_eq!(opens, shipped.needs.is_none(), "{}", shipped.name);
             assert!(fabrica_engine::image_out::decode_png(shipped.picture, std::path::Path::new(shipped.name)).is_ok());
         }
     }

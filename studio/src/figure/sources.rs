@@ -45,6 +45,8 @@ pub struct Sources {
 pub struct Selections {
     /// Each with its voxels.
     pub structures: Vec<Structure>,
+    /// Whether they could not be read; the notes say why.
+    pub is_missing: bool,
     /// What the user should know about how they were read, a sentence each.
     pub notes: Vec<String>,
 }
@@ -138,11 +140,12 @@ pub fn load_selections(
         }
         let is_crisp = || structures.iter().all(|s| s.selection.is_crisp());
         if structures.is_empty() {
-            return Ok(Selections { structures, notes });
+            return Ok(Selections { structures, notes, ..Selections::default() });
         }
         let stairs = || slot.voxels.is_none() && is_crisp();
         let sigma = slot.smooth_voxels.unwrap_or_else(|| if stairs() { CRISP_SIGMA } else { 0.0 });
-        Ok(Selections { structures: smooth_partition(&structures, sigma, progress)?, notes })
+        let structures = smooth_partition(&structures, sigma, progress)?;
+        Ok(Selections { structures, notes, ..Selections::default() })
     };
     read().map(Arc::new).with_context(|| format!("the template's selections \"{}\" cannot be loaded", slot.name))
 }
@@ -172,7 +175,7 @@ pub fn painted(slot: &SelectionSlot, volume: &Volume) -> Option<Arc<Selections>>
     let selection = voxels.selection();
     same_grid(selection.grid(), &volume.grid).then(|| {
         let structures = vec![structure(slot, selection.clone())];
-        Arc::new(Selections { structures, notes: Vec::new() })
+        Arc::new(Selections { structures, ..Selections::default() })
     })
 }
 

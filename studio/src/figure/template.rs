@@ -20,7 +20,9 @@ use serde_json::{Map, Value};
 
 pub use lighting::{FixedTo, LightTemplate, LightingModel, LightingTemplate, MAX_BRIGHTNESS, MAX_SHININESS};
 pub use moved::{GHOST_OPACITY, MeetingStrength, MeetingTemplate, MoveTemplate, SCALES};
-pub use region::{LookTemplate, RegionTemplate, RestTemplate, SelectionSlot, StructureTemplate, Tint, is_called};
+pub use region::{
+    IMPORTANCE, LookTemplate, RegionTemplate, RestTemplate, SelectionSlot, StructureTemplate, Tint, is_called,
+};
 pub use shading::{ContoursTemplate, Rgb, ShadingTemplate, Transparency};
 pub use voxels::SelectionVoxels;
 

@@ -125,7 +125,10 @@ impl Editor {
             UiCommand::QualityFinal => quality == Some(QualityName::Final),
             UiCommand::History => self.layout.shows_history,
             UiCommand::Slices => self.layout.shows_slices,
-            UiCommand::Erase => self.tools.settings.erases,
+            UiCommand::Erase => self.tools.settings.erases(),
+            UiCommand::ReplaceMode | UiCommand::AddMode | UiCommand::SubtractMode | UiCommand::IntersectMode => {
+                self.tools.settings.mode.command() == command
+            }
             command => self.open.is_some() && self.tools.active().command() == command,
         }
     }
@@ -260,6 +263,10 @@ impl Editor {
             Panel::top("searching").frame(frame).show(ui, |ui| progress_row(ui, &title, &progress));
         } else if let Some(number) = self.open.as_ref().and_then(OpenFigure::missing) {
             Panel::top("missing").frame(frame).show(ui, |ui| self.missing_volume(ui, number));
+        } else if self.selecting.is_none()
+            && let Some((number, why)) = self.open.as_ref().and_then(|open| open.missing_structures(&self.missed))
+        {
+            Panel::top("missing selections").frame(frame).show(ui, |ui| self.missing_selections(ui, number, &why));
         }
         if self.open.is_some() && !self.orphans.is_empty() {
             Panel::top("recovered").frame(frame).show(ui, |ui| {
@@ -285,8 +292,9 @@ impl Editor {
         let folder = open.folder().to_owned();
         let why = self.missing.as_ref().map_or("The figure's volume was not read", |(_, why)| why).to_owned();
         ui.horizontal_wrapped(|ui| {
-            ui.colored_label(theme::tokens(&ctx).error, why);
-            if ui.button("Find…").on_hover_text("Another place for this volume; the look stays").clicked() {
+            ui.colored_label(theme::tokens(&ctx).error, Banner::new(why).text);
+            let choose = ui.button("Choose a file…");
+            if choose.on_hover_text("This volume in another place, or another one; the look stays").clicked() {
                 self.ask_for_path(&ctx, Purpose::Volume(number));
             }
             let beside = !folder.as_os_str().is_empty();
@@ -302,6 +310,30 @@ impl Editor {
                 self.missing = None;
             }
             ui.label(theme::small(&ctx, "The figure can be edited and saved without it"));
+        });
+    }
+
+    /// A label map that could not be read: the figure is drawn without its structures.
+    pub(super) fn missing_selections(&mut self, ui: &mut Ui, number: usize, why: &str) {
+        let ctx = ui.ctx().clone();
+        ui.horizontal_wrapped(|ui| {
+            ui.colored_label(theme::tokens(&ctx).error, Banner::new(why).text);
+            let hint =
+                "This label map in another place, or that of another scan; the looks stay by the structures' names";
+            if ui.button("Choose a file…").on_hover_text(hint).clicked() {
+                self.ask_for_path(&ctx, Purpose::OtherSelections(number));
+            }
+            if ui.button("Choose a folder of masks…").on_hover_text("A file for each structure").clicked() {
+                self.ask_for_path(&ctx, Purpose::OtherMasks(number));
+            }
+            let Some(open) = &mut self.open else { return };
+            let Some(slot) = open.document.figure().selections.get(number).cloned() else { return };
+            if ui.button("Try again").clicked() {
+                open.forget_selections(&slot);
+            }
+            if ui.button("Not now").on_hover_text("The figure can be edited and saved without it").clicked() {
+                self.missed.push(slot);
+            }
         });
     }
 

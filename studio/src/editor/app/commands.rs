@@ -16,7 +16,7 @@ use super::super::movable::{Change, Movable};
 use super::super::open_figure::OpenFigure;
 use super::super::panels::curve;
 use super::super::session::Settings;
-use super::super::tools::Tool;
+use super::super::tools::{Mode, Tool};
 use super::super::ui_command::UiCommand;
 use super::super::{files, view, wording};
 use super::chrome::{Banner, Notice};
@@ -59,7 +59,7 @@ impl Editor {
             }
             c if c.menu() == "Selection" && self.tools.progress().is_some() => Some("Another edit is under way"),
             c if c.menu() == "Selection" && self.open.as_ref().is_some_and(|o| self.tools.target(o).is_none()) => {
-                Some("Paint a selection first (B), or choose a painted one")
+                Some("Paint a selection first (B), or choose one, or a structure of a label map")
             }
             UiCommand::ReplaceVolume | UiCommand::ReadOtherwise
                 if document.is_some_and(|d| d.figure().volumes.is_empty()) =>
@@ -164,7 +164,15 @@ impl Editor {
                     self.tools.take(tool, self.open.as_mut());
                 }
             }
-            C::Erase => self.tools.settings.erases = !self.tools.settings.erases,
+            C::ReplaceMode | C::AddMode | C::SubtractMode | C::IntersectMode => {
+                if let Some(mode) = Mode::ALL.into_iter().find(|mode| mode.command() == command) {
+                    self.tools.settings.mode = mode;
+                }
+            }
+            C::Erase => {
+                let erases = self.tools.settings.erases();
+                self.tools.settings.mode = if erases { Mode::Add } else { Mode::Subtract };
+            }
             C::SmallerBrush | C::LargerBrush => {
                 if let Some(open) = &self.open {
                     self.tools.scale_radius(open, if command == C::LargerBrush { 1.1 } else { 1.0 / 1.1 });
@@ -268,6 +276,7 @@ impl Editor {
             }
             Purpose::Volume(slot) => self.fill(ctx, slot, &path),
             Purpose::Selections | Purpose::Masks => self.add_selections(ctx, &path),
+            Purpose::OtherSelections(slot) | Purpose::OtherMasks(slot) => self.use_selections(ctx, slot, &path),
         }
     }
 

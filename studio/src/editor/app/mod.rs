@@ -116,6 +116,8 @@ pub struct Editor {
     answered: Option<Box<VolumeChoice>>,
     /// A slot whose volume could not be read, and why; it is not tried again by itself.
     missing: Option<(VolumeSlot, String)>,
+    /// Slots of selections that could not be read, and that the user wants to hear no more of.
+    missed: Vec<SelectionSlot>,
     file_dialog: Option<FileDialog>,
     dialog: Option<Dialog>,
     /// What was asked for when the figure was to be saved first.
@@ -168,6 +170,7 @@ impl Editor {
             asking: None,
             answered: None,
             missing: None,
+            missed: Vec::new(),
             file_dialog: None,
             dialog: None,
             after_saving: None,
@@ -217,6 +220,11 @@ impl Editor {
     /// The tools, and which of them is in the hand.
     pub fn tools(&self) -> &Tools {
         &self.tools
+    }
+
+    /// The picture of the figure, RGBA, with its columns and rows; none before the first whole one.
+    pub fn picture_pixels(&self) -> Option<(&[u8], [usize; 2])> {
+        self.viewport.picture.pixels()
     }
 
     /// The thread that draws.
@@ -437,7 +445,7 @@ impl Editor {
                 self.viewport.marker_mm = self.slices.crosshair_mm();
                 ui.scope_builder(UiBuilder::new().id_salt("figure").max_rect(place), |ui| {
                     ui.painter().rect_filled(place, 0.0, canvas.fill);
-                    self.viewport.show(ui, open, &self.gallery, &mut self.layout.function, &self.painter);
+                    self.viewport.show(ui, open, &self.gallery, &mut self.layout.function);
                 });
                 if let Some(pick) = self.viewport.take_asked() {
                     self.slices.look_at(pick.rest_mm);
@@ -449,11 +457,15 @@ impl Editor {
                 slice = self.slices.aimed().map(|(orientation, geometry)| View::Slice(orientation, geometry));
             } else {
                 self.viewport.marker_mm = None;
-                self.viewport.show(ui, open, &self.gallery, &mut self.layout.function, &self.painter);
+                self.viewport.show(ui, open, &self.gallery, &mut self.layout.function);
                 self.viewport.take_asked();
             }
             let aimed = slice.or_else(|| self.viewport.aimed().map(View::Figure));
-            self.tools.follow(ui, open, aimed);
+            let begun = Instant::now();
+            if self.tools.follow(ui, open, aimed) {
+                self.viewport.picture.has_dabs(begun);
+            }
+            self.viewport.ask(open, &self.painter);
         });
         if let Some(said) = self.tools.take_said() {
             self.notice = Notice::now(said);
@@ -476,7 +488,8 @@ impl Editor {
     /// The window is going: writes what is to be written.
     pub fn leave(&mut self) {
         if let Some(timings) = self.timings.take()
-            && let Err(error) = timings.write(&self.viewport.picture.coarse_ms, self.tools.dab_ms())
+            && let Err(error) =
+                timings.write(&self.viewport.picture.coarse_ms, self.tools.dab_ms(), &self.viewport.picture.dab_ms)
         {
             eprintln!("error: {error:#}");
         }

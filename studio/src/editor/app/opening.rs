@@ -193,6 +193,32 @@ impl Editor {
         self.selecting = Some((job, slot, volume, Some(edit)));
     }
 
+    /// Reads a label map or selections for a slot that has some already; once they are there, their use is an edit.
+    pub(super) fn use_selections(&mut self, ctx: &Context, number: usize, path: &Path) {
+        let Some(open) = &self.open else { return };
+        let figure = open.document.figure();
+        let Some(before) = figure.selections.get(number) else { return };
+        let volume = figure.volumes.iter().find(|v| v.name == before.volume).and_then(|v| open.volume_of(v)).cloned();
+        let Some(volume) = volume else {
+            self.banner = Some(Banner::new("The volume whose voxels they select is missing; choose it first"));
+            return;
+        };
+        let slot = match files::file_name(path) {
+            // A table names the structures of the file that it was made for.
+            Ok(file) => SelectionSlot { file: Some(file), voxels: None, table: None, ..before.clone() },
+            Err(error) => {
+                self.banner = Some(Banner::new(wording::sentence(&error)));
+                return;
+            }
+        };
+        let edit = Command::SetSelections { slot: number, selections: slot.clone() };
+        let (theirs, of, folder) = (slot.clone(), volume.clone(), open.folder().to_owned());
+        let job = Job::start(slot.title().to_owned(), waker(ctx), move |p| {
+            sources::load_selections(&theirs, &folder, &of, p)
+        });
+        self.selecting = Some((job, slot, volume, Some(edit)));
+    }
+
     /// Reads a file for a slot; once it is there, its use is an edit.
     pub(super) fn fill(&mut self, ctx: &Context, number: usize, path: &Path) {
         let Some(open) = &self.open else { return };
@@ -292,6 +318,7 @@ impl Editor {
         self.open = None;
         (self.filling, self.searching, self.asking, self.missing, self.answered) = (None, None, None, None, None);
         self.selecting = None;
+        self.missed.clear();
         (self.banner, self.notice) = (None, Notice::default());
         self.viewport.picture.clear();
         self.viewport.dismiss();

@@ -12,13 +12,14 @@ use fabrica_engine::selection::Structure;
 use super::super::gallery::DraggedStyle;
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
+use super::super::tools::target as tools_target;
 use super::objects::draw_eye;
-use super::properties::{number, parse_number, row};
+use super::properties::{number, parse_number, row, shorter};
 use crate::figure::Command;
 use crate::figure::bridge::drawn;
 use crate::figure::command::{Chosen, FunctionOf, function_at};
 use crate::figure::sources::Selections;
-use crate::figure::template::{LookTemplate, ObjectTemplate, RegionTemplate, RestTemplate, Tint};
+use crate::figure::template::{IMPORTANCE, LookTemplate, ObjectTemplate, RegionTemplate, RestTemplate, Tint};
 
 /// From so many structures on, one types what one looks for.
 const SEARCHED: usize = 8;
@@ -37,6 +38,8 @@ enum Order {
     Name,
     /// The largest first.
     Volume,
+    /// What matters most first.
+    Importance,
 }
 
 impl Order {
@@ -45,11 +48,14 @@ impl Order {
             Self::File => "As in file",
             Self::Name => "By name",
             Self::Volume => "By volume",
+            Self::Importance => "By importance",
         }
     }
 
-    fn sort(self, structures: &mut [&Structure]) {
+    fn sort(self, region: &RegionTemplate, structures: &mut [&Structure]) {
+        let importance = |s: &Structure| region.importance_of(Some(&region.called(&s.label)));
         match self {
+            Self::Importance => structures.sort_by(|a, b| importance(b).total_cmp(&importance(a))),
             Self::File => {}
             Self::Name => structures.sort_by_cached_key(|s| natural(&s.label.name)),
             Self::Volume => structures.sort_by(|a, b| b.selection.num_voxels().total_cmp(&a.selection.num_voxels())),
@@ -94,6 +100,7 @@ pub fn list(ui: &mut Ui, open: &mut OpenFigure, object: usize, list_height: f32)
             ui.indent(("region", i), |ui| {
                 let part = Chosen { region: i, structure: None };
                 let about = found.map_or(String::new(), |s| in_ml(s.selection.volume_ml()));
+                let about = with_importance(about, region.importance_of(None), Order::File);
                 let row = Row { object, region, part, title: region.title(), structure: found, about };
                 let response = row.show(ui, open);
                 row.choose_by(ui, open, &response, &[]);
@@ -121,10 +128,11 @@ fn group(
     if reveals && !state.is_open() {
         state.set_open(true);
     }
-    let count = selections.map_or(0, |s| s.structures.len());
+    let count = selections.map_or(0, |s| drawn(region, &s.structures).count());
     let header = state.show_header(ui, |ui| {
         let part = Chosen { region: index, structure: None };
         let about = selections.map_or_else(|| "reading…".to_owned(), |_| count.to_string());
+        let about = with_importance(about, region.importance_of(None), Order::File);
         let row = Row { object, region, part, title: region.title(), structure: None, about };
         let response = row.show(ui, open);
         row.choose_by(ui, open, &response, &[]);
@@ -141,7 +149,8 @@ fn group(
             ui.label(theme::small(ui.ctx(), "None is called so."));
             return;
         }
-        rows(ui, open, (object, index, region), &listed, (id, list_height, reveals));
+        let order: Order = ui.data(|d| d.get_temp(id.with("order"))).unwrap_or_default();
+        rows(ui, open, (object, index, region), &listed, order, (id, list_height, reveals));
     });
 }
 
@@ -157,10 +166,12 @@ fn listed<'a>(
     let (search_id, order_id) = (id.with("search"), id.with("order"));
     let mut wanted: String = ui.data(|d| d.get_temp(search_id)).unwrap_or_default();
     let mut order: Order = ui.data(|d| d.get_temp(order_id)).unwrap_or_default();
-    let count = selections.structures.len();
+    // What was copied to be painted on has a row of its own.
+    let all: Vec<&Structure> = drawn(region, &selections.structures).collect();
+    let count = all.len();
     if count > SEARCHED {
         let hidden = |s: &&Structure| !matches(s, &wanted) && open.is_chosen(object, &part_of(index, region, s));
-        if reveals && selections.structures.iter().any(|s| hidden(&s)) {
+        if reveals && all.iter().any(hidden) {
             wanted.clear();
         }
         ui.horizontal(|ui| {
@@ -172,7 +183,7 @@ fn listed<'a>(
             }
             let combo = ComboBox::from_id_salt(order_id).selected_text(order.text()).width(ORDER).truncate();
             let combo = combo.show_ui(ui, |ui| {
-                for choice in [Order::File, Order::Name, Order::Volume] {
+                for choice in [Order::File, Order::Name, Order::Volume, Order::Importance] {
                     ui.selectable_value(&mut order, choice, choice.text());
                 }
             });
@@ -183,8 +194,8 @@ fn listed<'a>(
             d.insert_temp(order_id, order);
         });
     }
-    let mut listed: Vec<&Structure> = selections.structures.iter().filter(|s| matches(s, &wanted)).collect();
-    order.sort(&mut listed);
+    let mut listed: Vec<&Structure> = all.into_iter().filter(|s| matches(s, &wanted)).collect();
+    order.sort(region, &mut listed);
     if count > 1 {
         ui.horizontal(|ui| {
             let names = || listed.iter().map(|s| region.called(&s.label)).collect::<Vec<_>>();
@@ -214,6 +225,7 @@ fn rows(
     open: &mut OpenFigure,
     (object, index, region): (usize, usize, &RegionTemplate),
     listed: &[&Structure],
+    order: Order,
     (id, list_height, reveals): (Id, f32, bool),
 ) {
     let parts: Vec<Chosen> = listed.iter().map(|s| part_of(index, region, s)).collect();
@@ -222,7 +234,10 @@ fn rows(
     let area = ScrollArea::vertical().id_salt(id.with("list")).max_height(list_height);
     let mut area = area.auto_shrink([false, shrinks]);
     let offset_id = id.with("offset");
-    if reveals && let Some(place) = parts.iter().position(|part| open.chosen_region() == Some(part)) {
+    // What an arrow key goes to, or what is chosen.
+    let focused: Option<Chosen> = ui.data(|d| d.get_temp(focus_id()));
+    let revealed = focused.as_ref().or(open.chosen_region());
+    if reveals && let Some(place) = parts.iter().position(|part| revealed == Some(part)) {
         let (offset, height): (f32, f32) = ui.data(|d| d.get_temp(offset_id)).unwrap_or((0.0, list_height));
         // No further than it takes.
         let top = place as f32 * (ROW + GAP);
@@ -232,13 +247,24 @@ fn rows(
     let shown = area.show_rows(ui, ROW, listed.len(), |ui, range| {
         for i in range {
             let (part, title) = (parts[i].clone(), &listed[i].label.name);
-            let about = in_ml(listed[i].selection.volume_ml());
+            let importance = region.importance_of(part.structure.as_deref());
+            let about = with_importance(in_ml(listed[i].selection.volume_ml()), importance, order);
             let row = Row { object, region, part, title, structure: Some(listed[i]), about };
             let response = row.show(ui, open);
             row.choose_by(ui, open, &response, &parts);
         }
     });
     ui.data_mut(|d| d.insert_temp(offset_id, (shown.state.unclamped_offset().y, shown.inner_rect.height())));
+}
+
+/// What stands at the right of a row: how important it is, where that says something.
+fn with_importance(about: String, importance: f64, order: Order) -> String {
+    match importance {
+        i if order == Order::Importance => format!("importance {}", shorter(i)),
+        IMPORTANCE => about,
+        i if about.is_empty() => format!("imp. {}", shorter(i)),
+        i => format!("imp. {}, {about}", shorter(i)),
+    }
 }
 
 fn part_of(index: usize, region: &RegionTemplate, structure: &Structure) -> Chosen {
@@ -374,20 +400,24 @@ impl Row<'_> {
         }
     }
 
-    /// A click chooses; with Ctrl as well, with Shift all `listed` up to here. Arrows go to the next one.
+    /// A click chooses; with Ctrl as well, with Shift all `listed` up to here, with both those as well. Arrows go to the next one, with
+    /// Shift as well; Ctrl+A chooses all.
     fn choose_by(&self, ui: &Ui, open: &mut OpenFigure, response: &Response, listed: &[Chosen]) {
         let place = |part: &Chosen| listed.iter().position(|other| other == part);
-        let first = open.chosen_region().filter(|_| open.object == self.object).and_then(place);
+        let anchor = open.anchor().filter(|_| open.object == self.object).and_then(|part| place(&part));
+        let names = |a: usize, b: usize| {
+            let range = listed[a.min(b)..=a.max(b)].iter();
+            range.filter_map(|part| part.structure.clone()).collect::<Vec<_>>()
+        };
         if response.clicked() {
             // Arrows go on from here.
             response.request_focus();
             let modifiers = ui.input(|i| i.modifiers);
-            match (place(&self.part), first, &self.part.structure) {
-                (Some(_), Some(_), Some(structure)) if modifiers.command => open.choose_too(structure),
-                (Some(here), Some(first), _) if modifiers.shift => {
-                    let range = listed[here.min(first)..=here.max(first)].iter();
-                    open.choose_all(range.filter_map(|part| part.structure.clone()));
+            match (place(&self.part), anchor, &self.part.structure) {
+                (Some(here), Some(anchor), _) if modifiers.shift => {
+                    open.choose_range(names(anchor, here), modifiers.command);
                 }
+                (Some(_), Some(_), Some(structure)) if modifiers.command => open.choose_too(structure),
                 _ => open.choose(self.object, Some(self.part.clone())),
             }
         }
@@ -397,14 +427,24 @@ impl Row<'_> {
         let filter = EventFilter { vertical_arrows: true, ..EventFilter::default() };
         ui.memory_mut(|m| m.set_focus_lock_filter(response.id, filter));
         let Some(here) = place(&self.part) else { return };
-        let by = |key| ui.input_mut(|i| i.consume_key(Modifiers::NONE, key));
-        let next = match (by(Key::ArrowDown), by(Key::ArrowUp)) {
+        let by = |modifiers, key| ui.input_mut(|i| i.consume_key(modifiers, key));
+        if by(Modifiers::COMMAND, Key::A) {
+            open.choose_range(names(0, listed.len() - 1), true);
+            return;
+        }
+        let extends = ui.input(|i| i.modifiers.shift);
+        let modifiers = if extends { Modifiers::SHIFT } else { Modifiers::NONE };
+        let next = match (by(modifiers, Key::ArrowDown), by(modifiers, Key::ArrowUp)) {
             (true, false) => here + 1,
             (false, true) => here.wrapping_sub(1),
             _ => return,
         };
-        if let Some(next) = listed.get(next) {
-            open.choose(self.object, Some(next.clone()));
+        if let Some(part) = listed.get(next) {
+            match anchor.filter(|_| extends) {
+                Some(anchor) => open.choose_range(names(anchor, next), false),
+                None => open.choose(self.object, Some(part.clone())),
+            }
+            let next = part;
             open.reveals_region = true;
             ui.memory_mut(|m| m.data.insert_temp(focus_id(), next.clone()));
         }
@@ -562,13 +602,19 @@ pub fn look(ui: &mut Ui, open: &mut OpenFigure, styles: &[&str]) {
         });
         combo.response.accessible_name(label);
     });
+    importance(ui, open, &region, &names);
     ui.horizontal_wrapped(|ui| {
         let differs = names.iter().any(|name| !region.own_look(Some(name)).is_default()) || !own.is_default();
         if ui.add_enabled(differs, egui::Button::new("Look like its surroundings")).clicked() {
             open.edit(set(&|_| LookTemplate::default()));
         }
         if names.is_empty() {
-            let remove = ui.button("Remove region").on_hover_text("Its voxels belong to the object again");
+            let original = tools_target::original(open.document.figure(), &region.selection);
+            let tooltip = match original.and_then(|(_, part)| part.structure) {
+                Some(name) => format!("{name} is drawn as its file has it again"),
+                None => "Its voxels belong to the object again".to_owned(),
+            };
+            let remove = ui.button("Remove region").on_hover_text(tooltip);
             if remove.clicked() {
                 open.choose(object, None);
                 open.edit(Command::RemoveRegion { object, region: index });
@@ -579,6 +625,33 @@ pub fn look(ui: &mut Ui, open: &mut OpenFigure, styles: &[&str]) {
                 open.edit(show_only(open, object, index, &region, &names));
             }
         }
+    });
+}
+
+/// How important the chosen region is, or all structures that are chosen.
+fn importance(ui: &mut Ui, open: &mut OpenFigure, region: &RegionTemplate, names: &[String]) {
+    let Some(Chosen { region: index, structure }) = open.chosen_region().cloned() else { return };
+    let object = open.object;
+    let mut value = region.importance_of(structure.as_deref());
+    let is_set = match names {
+        [] => region.importance.is_some(),
+        names => region.structures.iter().any(|s| s.importance.is_some() && names.contains(&s.structure)),
+    };
+    let tooltip = "How much it matters to what the figure tells: 1 as usual, 0 not at all. It is kept with the figure and sorts the \
+                   list; nothing is drawn by it yet";
+    let set = |importance| Command::SetImportance { object, region: index, structures: names.to_vec(), importance };
+    row(ui, "Importance", tooltip, |ui, label| {
+        let slider = egui::Slider::new(&mut value, 0.0..=10.0).clamping(egui::SliderClamping::Never).max_decimals(2);
+        let slider = slider.custom_parser(parse_number).update_while_editing(false);
+        let response = ui.add(slider).accessible_name(label).on_hover_text(tooltip);
+        let command = response.changed().then(|| set(Some(value.max(0.0))));
+        open.edit_by(&response, command);
+        response.context_menu(|ui| {
+            if ui.add_enabled(is_set, egui::Button::new("Reset")).clicked() {
+                open.edit(set(None));
+                ui.close();
+            }
+        });
     });
 }
 

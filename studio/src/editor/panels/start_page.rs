@@ -118,8 +118,16 @@ pub fn show(ui: &mut Ui, contents: &Contents<'_>, pictures: &mut Pictures) -> Op
             }
             ui.label(theme::heading("Start from a template").size(16.0));
             ui.label(theme::small(ui.ctx(), "A look and a layout. Open it, then drop your own volume onto it"));
-            let numbered: Vec<usize> = (0..SHIPPED.len()).collect();
-            cards(ui, &numbered, |ui, i| shipped_card(ui, *i, pictures, &mut choice));
+            let (of_own, opens): (Vec<usize>, Vec<usize>) =
+                (0..SHIPPED.len()).partition(|i| SHIPPED[*i].needs.is_some());
+            cards(ui, &opens, |ui, i| shipped_card(ui, *i, pictures, &mut choice));
+            ui.add_space(16.0);
+            ui.label(theme::heading("For a scan of your own").size(16.0));
+            ui.label(theme::small(
+                ui.ctx(),
+                "These come without data. Open one, then choose your scan and its label map",
+            ));
+            cards(ui, &of_own, |ui, i| shipped_card(ui, *i, pictures, &mut choice));
         });
     });
     choice
@@ -212,7 +220,12 @@ fn recent_card(ui: &mut Ui, recent: &Recent, pictures: &mut Pictures, choice: &m
 fn shipped_card(ui: &mut Ui, i: usize, pictures: &mut Pictures, choice: &mut Option<Choice>) {
     let shipped = &SHIPPED[i];
     let picture = pictures.get(ui.ctx(), shipped.name, || decode_png(shipped.picture, Path::new(shipped.name)));
-    if card(ui, picture, &titles()[i], shipped.description, false).clicked() {
+    let response = card(ui, picture, &titles()[i], shipped.description, false);
+    let response = match shipped.needs {
+        Some(needs) => response.on_hover_text(format!("Needs data of your own: {needs}")),
+        None => response,
+    };
+    if response.clicked() {
         *choice = Some(Choice::Shipped(i));
     }
 }

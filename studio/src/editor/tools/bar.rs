@@ -8,7 +8,7 @@ use super::super::open_figure::OpenFigure;
 use super::super::panels::properties::parse_number;
 use super::super::theme;
 use super::super::ui_command::UiCommand;
-use super::{Settings, Tool, shorter_mm, target};
+use super::{Aim, Mode, Settings, Tool, shorter_mm, target};
 
 /// Edge of a button of the strip, points.
 const BUTTON: f32 = 36.0;
@@ -101,12 +101,24 @@ pub fn options(ui: &mut Ui, active: Tool, settings: &mut Settings, open: &OpenFi
         return;
     }
     targets(ui, settings, open);
-    for (erases, text, tooltip) in [
-        (false, "Add", "Into the selection (E; Alt turns it around while it is held)"),
-        (true, "Erase", "Out of the selection (E; Alt turns it around while it is held)"),
-    ] {
-        if ui.selectable_label(settings.erases == erases, text).on_hover_text(tooltip).clicked() {
-            settings.erases = erases;
+    if active == Tool::Brush {
+        for (mode, text, tooltip) in [
+            (Mode::Add, "Add", "Into the selection (A; Alt turns it around while it is held)"),
+            (Mode::Subtract, "Erase", "Out of the selection (S or E; Alt turns it around while it is held)"),
+        ] {
+            let is_on = settings.erases() == (mode == Mode::Subtract);
+            if ui.selectable_label(is_on, text).on_hover_text(tooltip).clicked() {
+                settings.mode = mode;
+            }
+        }
+    } else {
+        for mode in Mode::ALL {
+            let command = mode.command();
+            let key = command.shortcut().map_or(String::new(), |s| format!(" ({})", ui.ctx().format_shortcut(&s)));
+            let tooltip = format!("{}{key}", command.tooltip());
+            if ui.selectable_label(settings.mode == mode, format!("{mode:?}")).on_hover_text(tooltip).clicked() {
+                settings.mode = mode;
+            }
         }
     }
     ui.separator();
@@ -166,20 +178,33 @@ fn reach(ui: &mut Ui, settings: &mut Settings, open: &OpenFigure) {
 }
 
 fn targets(ui: &mut Ui, settings: &mut Settings, open: &OpenFigure) {
-    let all = target::all(open);
-    let now = settings.target.as_ref().and_then(|slot| all.iter().find(|(known, _)| known == slot));
-    let text = now.map_or("New selection", |(_, title)| title);
-    let combo = ComboBox::from_id_salt("target").selected_text(text).width(130.0).show_ui(ui, |ui| {
-        if ui.selectable_label(now.is_none(), "New selection").clicked() {
-            settings.target = None;
+    let mut all: Vec<(Aim, String)> = vec![(Aim::New, "New selection".to_owned())];
+    all.extend(target::all(open).into_iter().map(|(slot, title)| (Aim::Painted(slot), title)));
+    // A structure that comes from a file: what is chosen in the list, or was.
+    let copies = [Some(settings.target.clone()), target::chosen(open)];
+    for aim in copies.into_iter().flatten().filter(|aim| matches!(aim, Aim::Copy(_))) {
+        if let Aim::Copy(part) = &aim
+            && let Some(title) = target::title(open, part)
+            && all.iter().all(|(known, _)| *known != aim)
+        {
+            all.push((aim, format!("{title} (a copy)")));
         }
-        for (slot, title) in &all {
-            if ui.selectable_label(settings.target.as_ref() == Some(slot), title).clicked() {
-                settings.target = Some(slot.clone());
+    }
+    let now = all.iter().find(|(aim, _)| *aim == settings.target).unwrap_or(&all[0]);
+    let combo = ComboBox::from_id_salt("target").selected_text(&now.1).width(130.0).truncate().show_ui(ui, |ui| {
+        for (aim, title) in &all {
+            if ui.selectable_label(*aim == now.0, title).clicked() {
+                settings.target = aim.clone();
             }
         }
     });
-    combo.response.accessible_name("Target selection").on_hover_text("What is painted into");
+    let tooltip = match now.0 {
+        Aim::Copy(_) => {
+            "What is painted into: its file stays as it is, a copy of it is drawn in its place from the first edit on"
+        }
+        _ => "What is painted into",
+    };
+    combo.response.accessible_name("Target selection").on_hover_text(tooltip);
 }
 
 fn range(ui: &mut Ui, settings: &mut Settings, open: &OpenFigure) {

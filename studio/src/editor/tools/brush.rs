@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
-use super::target::{Target, label};
+use super::target::{Target, stroke};
 use super::view::{Place, View};
 use super::{Hand, Settings, shorter_mm};
 
@@ -110,8 +110,8 @@ impl Brush {
         settings: &Settings,
         alt: bool,
     ) -> Result<(), String> {
-        let target = Target::of(open, settings.target.as_deref())?;
-        let erases = settings.erases != alt;
+        let target = Target::of(open, &settings.target)?;
+        let erases = settings.erases() != alt;
         let radius_mm = settings.radius_mm(open);
         let brush = Round {
             radius_mm,
@@ -240,7 +240,7 @@ impl Painting {
             self.target.add(open);
             let now = self.stroke.selection().clone();
             let num_voxels = now.num_voxels() - self.target.before.num_voxels();
-            let label = label("Paint", &self.target.title, self.erases, num_voxels);
+            let label = stroke(&self.target.title, self.erases, num_voxels);
             self.target.set(open, now, label);
         }
     }

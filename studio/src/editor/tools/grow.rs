@@ -8,9 +8,9 @@ use super::super::files::{Job, is_cancelled};
 use super::super::open_figure::OpenFigure;
 use super::super::panels::properties::shorter;
 use super::super::wording;
-use super::target::{Target, combination};
+use super::target::{Target, named};
 use super::view::View;
-use super::{Hand, Settings, shorter_ml};
+use super::{Hand, Mode, Settings, shorter_ml};
 
 /// Points that the hand may tremble in a click.
 const TREMBLE: f32 = 4.0;
@@ -40,7 +40,7 @@ struct Drag {
 struct Preview {
     target: Target,
     seeds: Seeds,
-    erases: bool,
+    mode: Mode,
     growth: Option<Growth>,
     job: Option<Job<Grown>>,
     /// What is shown.
@@ -100,7 +100,7 @@ impl Grow {
         }
         for hand in hands {
             match *hand {
-                Hand::Pressed { at, alt, .. } => self.press(at, alt, view, open, settings)?,
+                Hand::Pressed { at, shift, alt } => self.press(at, [shift, alt], view, open, settings)?,
                 Hand::Moved(at) => {
                     if let Some(drag) = &mut self.drag {
                         drag.moves |= (at - drag.from).length() > TREMBLE;
@@ -145,7 +145,7 @@ impl Grow {
     fn press(
         &mut self,
         at: Pos2,
-        alt: bool,
+        [shift, alt]: [bool; 2],
         view: Option<&View>,
         open: &mut OpenFigure,
         settings: &Settings,
@@ -155,15 +155,15 @@ impl Grow {
         let tolerance = settings.tolerance(open);
         let seed = self.preview.is_some().then_some((voxel, alt));
         if self.preview.is_none() {
-            let target = Target::of(open, settings.target.as_deref())?;
+            let target = Target::of(open, &settings.target)?;
             if target.volume.colors.is_some() {
                 return Err("Colors do not grow; use the brush or the lasso".to_owned());
             }
             let unit = target.volume.modality.suffix();
             let seeds = Seeds::at(voxel);
-            let erases = settings.erases != alt;
+            let mode = settings.mode.held(shift, alt);
             open.document.begin();
-            self.preview = Some(Preview { target, seeds, erases, growth: None, job: None, shown: None, unit });
+            self.preview = Some(Preview { target, seeds, mode, growth: None, job: None, shown: None, unit });
         }
         self.drag = Some(Drag { from: at, tolerance, seed, moves: false });
         Ok(())
@@ -208,9 +208,9 @@ impl Preview {
                 Ok(grown) => {
                     (self.growth, self.shown) = (Some(grown.growth), Some(grown.shown));
                     self.target.add(open);
-                    let what = if self.erases { "out of " } else { "" };
-                    let (title, size) = (&self.target.title, self.tolerance_text(grown.shown.tolerance));
-                    let label = format!("Grow {what}{title}, {size}, {} ml", shorter_ml(grown.shown.ml));
+                    let size = self.tolerance_text(grown.shown.tolerance);
+                    let label = named("Grow", &self.target.title, self.mode);
+                    let label = format!("{label}, {size}, {} ml", shorter_ml(grown.shown.ml));
                     self.target.set(open, grown.selection, label);
                 }
                 Err(error) if is_cancelled(&error) => {}
@@ -224,7 +224,7 @@ impl Preview {
             Some(growth) => growth,
             None => Growth::new(&self.target.volume, &self.seeds)?,
         };
-        let (before, how) = (self.target.before.clone(), combination(self.erases));
+        let (before, how) = (self.target.before.clone(), self.mode.combination());
         let ctx = ctx.clone();
         let title = format!("Growing {}", self.target.title);
         self.job = Some(Job::start(

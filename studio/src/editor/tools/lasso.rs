@@ -17,7 +17,9 @@ pub struct Loop {
     pub corners: Vec<Pos2>,
     /// Where.
     pub view: View,
-    /// Whether Alt was held at its beginning.
+    /// Whether Shift and Alt were held at its beginning.
+    pub shift: bool,
+    /// See there.
     pub alt: bool,
 }
 
@@ -47,12 +49,13 @@ impl Lasso {
         let mut closes = false;
         for hand in hands {
             match *hand {
-                Hand::Pressed { at, alt, .. } => {
+                Hand::Pressed { at, shift, alt } => {
                     let Some(view) = view else { continue };
                     if self.open.as_ref().is_some_and(|open| !open.view.is_same(view)) {
                         self.abort();
                     }
-                    let open = self.open.get_or_insert_with(|| Loop { corners: Vec::new(), view: view.clone(), alt });
+                    let begun = || Loop { corners: Vec::new(), view: view.clone(), shift, alt };
+                    let open = self.open.get_or_insert_with(begun);
                     let near = |corner: Option<&Pos2>| corner.is_some_and(|corner| corner.distance(at) < CLOSING);
                     // A double click ends on its own corner.
                     let is_end = open.corners.len() > 2 && (near(open.corners.first()) || near(open.corners.last()));

@@ -15,15 +15,17 @@ use std::time::Instant;
 
 use eframe::egui::{Align2, Color32, Context, CursorIcon, Event, FontId, Key, Painter, PointerButton, Pos2, Ui, Vec2};
 use fabrica_engine::Progress;
-use fabrica_engine::selection::{Edge, Limits, ValueLimit};
+use fabrica_engine::selection::{Combination, Edge, Limits, ValueLimit};
 use fabrica_engine::volume::{Modality, Volume};
 
+pub use self::target::Aim;
 pub use self::view::{FigureView, View};
 use self::work::Work;
 use super::open_figure::OpenFigure;
 use super::panels::properties::shorter;
 use super::slices::pane::is_tools;
 use super::ui_command::UiCommand;
+use crate::figure::command::Chosen;
 
 /// What the primary button does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -64,9 +66,12 @@ impl Tool {
                 Some("Drag: paint · Alt+drag: erase · Shift+drag or [ ]: radius · Middle drag: orbit · Esc: give up")
             }
             Self::Lasso => Some(
-                "Drag: loop · Clicks: corners, double-click or Enter closes, Backspace takes one back · Alt: erase · Esc: give up",
+                "Drag: loop · Clicks: corners, double-click or Enter closes, Backspace takes one back · Begin with Shift: add, \
+                 Alt: subtract, both: intersect",
             ),
-            Self::Rectangle => Some("Drag: rectangle · Shift: square · Alt: erase · Middle drag: orbit · Esc: give up"),
+            Self::Rectangle => Some(
+                "Drag: rectangle, then Shift: square · Begin with Shift: add, Alt: subtract, both: intersect · Esc: give up",
+            ),
             Self::Grow => Some(
                 "Click: seed · Drag to the side or wheel: tolerance · Click: more, Alt+click: bar · Enter: accept · Esc: drop",
             ),
@@ -74,13 +79,64 @@ impl Tool {
     }
 }
 
+/// What tools do with what they select: as in Krita, whose keys they have.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    /// It takes the place of the selection.
+    Replace,
+    /// It goes into it.
+    #[default]
+    Add,
+    /// It is taken out of it.
+    Subtract,
+    /// What lies in both is left.
+    Intersect,
+}
+
+impl Mode {
+    /// In the order of the bar.
+    pub const ALL: [Self; 4] = [Self::Replace, Self::Add, Self::Subtract, Self::Intersect];
+
+    /// The command that chooses it.
+    pub fn command(self) -> UiCommand {
+        match self {
+            Self::Replace => UiCommand::ReplaceMode,
+            Self::Add => UiCommand::AddMode,
+            Self::Subtract => UiCommand::SubtractMode,
+            Self::Intersect => UiCommand::IntersectMode,
+        }
+    }
+
+    /// As it is for an edit that begins with these keys held: Shift adds, Alt takes away, both leave what lies in both. Where it is
+    /// taken away anyway, Alt adds.
+    fn held(self, shift: bool, alt: bool) -> Self {
+        match (shift, alt) {
+            (false, false) => self,
+            (true, true) => Self::Intersect,
+            (true, false) => Self::Add,
+            (false, true) if self == Self::Subtract => Self::Add,
+            (false, true) => Self::Subtract,
+        }
+    }
+
+    /// How the engine calls it.
+    fn combination(self) -> Combination {
+        match self {
+            Self::Replace => Combination::Replace,
+            Self::Add => Combination::Union,
+            Self::Subtract => Combination::Subtract,
+            Self::Intersect => Combination::Intersect,
+        }
+    }
+}
+
 /// The settings of all tools.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// The slot of the selection that is painted; none, or one that is not there: a new one.
-    pub target: Option<String>,
-    /// Whether tools take away; Alt turns it around.
-    pub erases: bool,
+    /// What is painted.
+    pub target: Aim,
+    /// What happens with what is selected; the brush takes away or, in all other modes, adds.
+    pub mode: Mode,
     /// Of the brush; none: as it suits the volume.
     radius_mm: Option<f64>,
     /// Whether the brush fades from its center.
@@ -104,8 +160,8 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            target: None,
-            erases: false,
+            target: Aim::New,
+            mode: Mode::Add,
             radius_mm: None,
             is_soft: false,
             range: None,
@@ -129,6 +185,11 @@ fn lengths_mm(open: &OpenFigure) -> [f64; 3] {
 }
 
 impl Settings {
+    /// Whether the brush takes away; Alt turns it around.
+    pub fn erases(&self) -> bool {
+        self.mode == Mode::Subtract
+    }
+
     /// Radius of the brush.
     pub fn radius_mm(&self, open: &OpenFigure) -> f64 {
         let [_, _, longest] = lengths_mm(open);
@@ -254,15 +315,17 @@ pub struct Tools {
     dab_ms: Vec<f64>,
     /// What is to be said, until it is.
     said: Option<String>,
-    /// The selection that was chosen beside the picture, so that choosing another one there is noticed.
-    chosen: Option<String>,
+    /// What was chosen beside the picture, so that choosing something else there is noticed.
+    chosen: Option<Aim>,
+    /// The slot of a copy, and the structure of which object it is drawn in place of: what is aimed at when it is undone.
+    copied: Option<(String, usize, Chosen)>,
 }
 
 impl Tools {
     /// Another figure is open: nothing of the old one is left, but for how tools are set.
     pub fn forget_figure(&mut self) {
         let settings = Settings {
-            erases: self.settings.erases,
+            mode: self.settings.mode,
             is_soft: self.settings.is_soft,
             is_connected: self.settings.is_connected,
             is_visible_only: self.settings.is_visible_only,
@@ -344,8 +407,12 @@ impl Tools {
 
     /// The selection that commands of the menu Selection work on.
     pub fn target(&self, open: &OpenFigure) -> Option<target::Target> {
-        let slot = self.settings.target.as_deref()?;
-        target::all(open).iter().any(|(known, _)| known == slot).then(|| target::Target::of(open, Some(slot)).ok())?
+        let is_there = match &self.settings.target {
+            Aim::New => false,
+            Aim::Painted(slot) => target::all(open).iter().any(|(known, _)| known == slot),
+            Aim::Copy(part) => target::title(open, part).is_some(),
+        };
+        is_there.then(|| target::Target::of(open, &self.settings.target).ok())?
     }
 
     /// Begins what a command of the menu Selection does.
@@ -363,12 +430,11 @@ impl Tools {
 
     /// Follows what is chosen, and what came of edits on threads.
     pub fn poll(&mut self, open: &mut OpenFigure) {
-        let slots = target::all(open);
-        let region = open.chosen_region().and_then(|chosen| open.chosen()?.regions.get(chosen.region));
-        let chosen = region.map(|region| region.selection.clone());
+        self.follow_copies(open);
+        let chosen = target::chosen(open);
         if chosen != self.chosen {
-            if let Some(slot) = chosen.as_ref().filter(|slot| slots.iter().any(|(known, _)| known == *slot)) {
-                self.settings.target = Some(slot.clone());
+            if let Some(aim) = &chosen {
+                self.settings.target = aim.clone();
             }
             self.chosen = chosen;
         }
@@ -377,17 +443,35 @@ impl Tools {
         {
             self.work = None;
             match result {
-                Ok(slot) => self.settings.target = Some(slot),
+                Ok(slot) => self.settings.target = Aim::Painted(slot),
                 Err(sentence) => self.said = Some(sentence),
             }
         }
     }
 
-    /// Follows the hand: in the figure and in slices, of which `aimed` is what is under the pointer.
-    pub fn follow(&mut self, ui: &Ui, open: &mut OpenFigure, aimed: Option<View>) {
+    /// Undo takes a copy away: the structure that it was made of is aimed at again, as it was before. Redo brings it back.
+    fn follow_copies(&mut self, open: &mut OpenFigure) {
+        if let Some(copy) = open.chosen_region().and_then(|part| target::copy(open, part)) {
+            open.choose(open.object, Some(copy));
+        }
+        let Aim::Painted(slot) = &self.settings.target else { return };
+        if let Some((object, part)) = target::original(open.document.figure(), slot) {
+            self.copied = Some((slot.clone(), object, part));
+        } else if !open.document.figure().selections.iter().any(|s| s.name == *slot)
+            && let Some((_, object, part)) = self.copied.take().filter(|(copy, ..)| copy == slot)
+            && object == open.object
+            && target::title(open, &part).is_some()
+        {
+            open.choose(object, Some(part.clone()));
+            self.settings.target = Aim::Copy(part);
+        }
+    }
+
+    /// Follows the hand: in the figure and in slices, of which `aimed` is what is under the pointer. Whether the brush has painted.
+    pub fn follow(&mut self, ui: &Ui, open: &mut OpenFigure, aimed: Option<View>) -> bool {
         if !self.takes_primary() {
             self.held = None;
-            return;
+            return false;
         }
         let hands = self.hands(ui, aimed.as_ref());
         // What is drawn anew during a drag is seen from where it began.
@@ -405,7 +489,7 @@ impl Tools {
             }
             Tool::Grow => match self.grow.follow(ui, &hands, view.as_ref(), open, &mut self.settings) {
                 Ok(None) => {}
-                Ok(Some(accepted)) => self.settings.target = Some(accepted),
+                Ok(Some(accepted)) => self.settings.target = Aim::Painted(accepted),
                 Err(sentence) => said = Some(sentence),
             },
         }
@@ -416,7 +500,8 @@ impl Tools {
             self.held = None;
         }
         self.said = said.or(self.said.take());
-        if !Arc::ptr_eq(&before, open.document.figure()) {
+        let has_changed = !Arc::ptr_eq(&before, open.document.figure());
+        if has_changed {
             if self.active == Tool::Brush {
                 self.dab_ms.push(1e3 * begun.elapsed().as_secs_f64());
             }
@@ -428,6 +513,7 @@ impl Tools {
             ui.ctx().request_repaint();
         }
         self.draw(ui, open, view.as_ref());
+        has_changed && self.active == Tool::Brush
     }
 
     /// Begins to select what is in a loop.
@@ -435,12 +521,12 @@ impl Tools {
         if self.work.is_some() {
             return Err("Another edit is under way".to_owned());
         }
-        let target = target::Target::of(open, self.settings.target.as_deref())?;
+        let target = target::Target::of(open, &self.settings.target)?;
         let limits = self.settings.limits(open, &target.volume, &around.view);
         let depth_mm = self.settings.depth_mm(open);
         let reach = if self.settings.is_surface_only { work::Reach::Surface(depth_mm) } else { work::Reach::Through };
-        let erases = self.settings.erases != around.alt;
-        self.work = Some(work::enclose(ctx, target, around, limits, reach, erases, verb));
+        let mode = self.settings.mode.held(around.shift, around.alt);
+        self.work = Some(work::enclose(ctx, target, around, limits, reach, mode, verb));
         Ok(())
     }
 
@@ -451,7 +537,7 @@ impl Tools {
             return;
         }
         let painter = ui.painter_at(view.rect());
-        let erases = self.settings.erases != ui.input(|i| i.modifiers.alt);
+        let erases = self.settings.erases() != ui.input(|i| i.modifiers.alt);
         match self.active {
             Tool::Select => {}
             Tool::Brush => {

@@ -1,4 +1,4 @@
-//! The rectangle: from corner to corner; with Shift a square.
+//! The rectangle: from corner to corner; with Shift, pressed while it is drawn, a square.
 
 use eframe::egui::{Painter, Pos2, Vec2};
 
@@ -9,7 +9,17 @@ use super::view::View;
 /// A rectangle that is being drawn.
 #[derive(Default)]
 pub struct Rectangle {
-    drawn: Option<(Pos2, Pos2, View, bool)>,
+    drawn: Option<Drawn>,
+}
+
+struct Drawn {
+    from: Pos2,
+    to: Pos2,
+    view: View,
+    /// Whether Shift and Alt were held at its beginning.
+    keys: [bool; 2],
+    /// Whether Shift makes it a square: not the one that it began with.
+    shift_is_new: bool,
 }
 
 impl Rectangle {
@@ -23,20 +33,31 @@ impl Rectangle {
         self.drawn = None;
     }
 
-    /// Follows the hand; the rectangle, once the button is let go.
-    pub fn follow(&mut self, hands: &[Hand], view: Option<&View>, is_square: bool) -> Option<Loop> {
+    /// Follows the hand, with Shift or without; the rectangle, once the button is let go.
+    pub fn follow(&mut self, hands: &[Hand], view: Option<&View>, shift: bool) -> Option<Loop> {
         for hand in hands {
             match *hand {
-                Hand::Pressed { at, alt, .. } => self.drawn = view.map(|view| (at, at, view.clone(), alt)),
+                Hand::Pressed { at, shift, alt } => {
+                    let begun = |view: &View| Drawn {
+                        from: at,
+                        to: at,
+                        view: view.clone(),
+                        keys: [shift, alt],
+                        shift_is_new: !shift,
+                    };
+                    self.drawn = view.map(begun);
+                }
                 Hand::Moved(at) => {
-                    if let Some((from, to, ..)) = &mut self.drawn {
-                        *to = if is_square { square(*from, at) } else { at };
+                    if let Some(drawn) = &mut self.drawn {
+                        drawn.shift_is_new |= !shift;
+                        let is_square = shift && drawn.shift_is_new;
+                        drawn.to = if is_square { square(drawn.from, at) } else { at };
                     }
                 }
                 Hand::Released => {
-                    let (from, to, view, alt) = self.drawn.take()?;
+                    let Drawn { from, to, view, keys: [shift, alt], .. } = self.drawn.take()?;
                     let is_one = (to - from).abs().min_elem() > 1.0;
-                    return is_one.then(|| Loop { corners: corners(from, to), view, alt });
+                    return is_one.then(|| Loop { corners: corners(from, to), view, shift, alt });
                 }
             }
         }
@@ -45,7 +66,7 @@ impl Rectangle {
 
     /// Draws it.
     pub fn draw(&self, painter: &Painter) {
-        if let Some((from, to, ..)) = &self.drawn {
+        if let Some(Drawn { from, to, .. }) = &self.drawn {
             outline(painter, &corners(*from, *to), None);
         }
     }

@@ -10,9 +10,9 @@ use super::super::open_figure::OpenFigure;
 use super::super::ui_command::UiCommand;
 use super::super::wording;
 use super::lasso::Loop;
-use super::shorter_mm;
-use super::target::{Target, combination, grouped};
+use super::target::{Target, grouped, named};
 use super::view::{FigureView, View};
+use super::{Mode, shorter_mm};
 
 /// An edit that is under way.
 pub struct Work {
@@ -108,12 +108,16 @@ pub fn enclose(
     around: Loop,
     limits: Limits,
     reach: Reach,
-    erases: bool,
+    mode: Mode,
     verb: &str,
 ) -> Work {
-    let how = combination(erases);
-    let label = if erases { format!("{verb} out of {}", target.title) } else { format!("{verb} {}", target.title) };
-    Work::start(ctx, target, label, "Nothing inside", move |mut selection, progress| {
+    let label = named(verb, &target.title, mode);
+    let nothing = match mode {
+        Mode::Add | Mode::Replace => "Nothing inside",
+        Mode::Subtract => "Nothing of the selection is inside",
+        Mode::Intersect => "All of the selection is inside",
+    };
+    Work::start(ctx, target, label, nothing, move |mut selection, progress| {
         let view = &around.view;
         let polygon: Vec<DVec2> = around.corners.iter().map(|at| DVec2::new(at.x.into(), at.y.into())).collect();
         let seen = |place| view.seen(place);
@@ -131,7 +135,10 @@ pub fn enclose(
         };
         let lasso = Lasso { polygon, screen_from_world: &seen, depth: depth.as_deref() };
         let found = lasso.select(selection.grid(), &limits, selection.pool(), progress)?;
-        drop(selection.combine(&found, how).map_err(anyhow::Error::msg)?);
+        // What went around nothing does not take everything away.
+        if !found.is_empty() {
+            drop(selection.combine(&found, mode.combination()).map_err(anyhow::Error::msg)?);
+        }
         Ok(selection)
     })
 }

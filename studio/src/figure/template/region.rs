@@ -56,6 +56,10 @@ pub struct RegionTemplate {
     /// Where it was moved to, a group as a whole. Default: it is drawn where it lies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moved: Option<MoveTemplate>,
+    /// How much it matters to what the figure tells, 0 or more; of a group, that of its structures that have none of their own.
+    /// Nothing is drawn by it yet. Default: 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub importance: Option<f64>,
     /// Fields of other versions, kept as they are.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
@@ -72,6 +76,12 @@ pub struct StructureTemplate {
     /// Where it was moved to by itself, in place of where its group was.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moved: Option<MoveTemplate>,
+    /// How much it matters to what the figure tells, 0 or more. Default: as its group.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub importance: Option<f64>,
+    /// The slot of the selections that were painted on a copy of it and are drawn in its place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub replaced_by: Option<String>,
     /// Fields of other versions, kept as they are.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
@@ -90,6 +100,9 @@ pub struct RestTemplate {
     #[serde(flatten)]
     pub extra: Map<String, Value>,
 }
+
+/// How much a part matters of which nothing is said.
+pub const IMPORTANCE: f64 = 1.0;
 
 fn yes() -> bool {
     true
@@ -228,6 +241,7 @@ impl RegionTemplate {
             look: LookTemplate::default(),
             structures: Vec::new(),
             moved: None,
+            importance: None,
             extra: Map::new(),
         }
     }
@@ -261,6 +275,17 @@ impl RegionTemplate {
         self.structures.iter().find(|s| s.structure == name).map_or_else(LookTemplate::default, |s| s.look.clone())
     }
 
+    /// How much the region itself matters or, by the name that the template gives it, a structure in it.
+    pub fn importance_of(&self, structure: Option<&str>) -> f64 {
+        let own = structure.and_then(|name| self.structures.iter().find(|s| s.structure == name)?.importance);
+        own.or(self.importance).unwrap_or(IMPORTANCE)
+    }
+
+    /// Whether something that was painted on a copy is drawn in place of a structure in it.
+    pub fn is_replaced(&self, label: &Label) -> bool {
+        self.structures.iter().any(|s| s.replaced_by.is_some() && is_called(label, &s.structure))
+    }
+
     /// Where the region itself was moved to or, by the name that the template gives it, a structure in it by itself.
     pub fn own_move(&self, structure: Option<&str>) -> Option<&MoveTemplate> {
         match structure {
@@ -273,12 +298,23 @@ impl RegionTemplate {
 impl StructureTemplate {
     /// A structure of which nothing is said.
     pub fn of(structure: &str) -> Self {
-        Self { structure: structure.to_owned(), look: LookTemplate::default(), moved: None, extra: Map::new() }
+        Self {
+            structure: structure.to_owned(),
+            look: LookTemplate::default(),
+            moved: None,
+            importance: None,
+            replaced_by: None,
+            extra: Map::new(),
+        }
     }
 
     /// Whether it says nothing.
     pub fn is_default(&self) -> bool {
-        self.look.is_default() && self.moved.is_none() && self.extra.is_empty()
+        self.look.is_default()
+            && self.moved.is_none()
+            && self.importance.is_none()
+            && self.replaced_by.is_none()
+            && self.extra.is_empty()
     }
 }
 
@@ -339,13 +375,27 @@ fn check_regions(template: &Template, object: &ObjectTemplate) -> Result<()> {
         if let Some(moved) = &region.moved {
             moved.check(&format!("the region \"{title}\""))?;
         }
+        check_importance(region.importance, &format!("the region \"{title}\""))?;
         for structure in &region.structures {
             let whose = format!("the structure \"{}\"", structure.structure);
+            check_importance(structure.importance, &whose)?;
+            if let Some(slot) = structure.replaced_by.as_ref()
+                && !template.selections.iter().any(|s| s.name == *slot && s.voxels.is_some())
+            {
+                bail!("{whose} is replaced by the selections \"{slot}\", which are not painted here; leave that out");
+            }
             structure.look.check(&whose)?;
             structure.moved.as_ref().map_or(Ok(()), |moved| moved.check(&whose))?;
         }
     }
     Ok(())
+}
+
+fn check_importance(importance: Option<f64>, whose: &str) -> Result<()> {
+    match importance.filter(|i| !(i.is_finite() && *i >= 0.0)) {
+        Some(importance) => bail!("{whose} has importance {importance}; give a number that is 0 or more"),
+        None => Ok(()),
+    }
 }
 
 impl std::str::FromStr for Tint {
