@@ -19,6 +19,8 @@ use crate::figure::template::{
 /// Side of the ball, in points, and of its picture, in pixels.
 const BALL: f32 = 104.0;
 const BALL_PIXELS: usize = 104;
+/// How far out, in half sides of the square, a light can be dragged.
+const MOST_BEHIND: f64 = 0.97;
 /// Radius of a light's dot, and how near the pointer takes it.
 const DOT: f32 = 5.0;
 const NEAR: f32 = 12.0;
@@ -174,7 +176,8 @@ fn out_of_view(d: DVec3, fixed_to: FixedTo, camera: &Camera) -> [f64; 3] {
 /// Where a direction is on the ball: the half towards the eye takes the inner 70 % of the radius, the other the rest.
 fn dot(rect: Rect, d: DVec3) -> Pos2 {
     let angle = d.z.clamp(-1.0, 1.0).acos() / std::f64::consts::PI;
-    let across = glam::DVec2::new(d.x, d.y).normalize_or_zero();
+    // Straight from behind there is no way around the ball: above it, as good as any.
+    let across = glam::DVec2::new(d.x, d.y).normalize_or(glam::DVec2::Y);
     let r = if angle <= 0.5 { 1.4 * angle } else { 0.7 + 0.6 * (angle - 0.5) };
     rect.center() + 0.5 * rect.width() * Vec2::new((r * across.x) as f32, -(r * across.y) as f32)
 }
@@ -183,7 +186,8 @@ fn dot(rect: Rect, d: DVec3) -> Pos2 {
 fn direction(rect: Rect, at: Pos2) -> DVec3 {
     let v = (at - rect.center()) / (0.5 * rect.width());
     let (x, y) = (f64::from(v.x), -f64::from(v.y));
-    let r = x.hypot(y).min(1.0);
+    // Never straight from behind: that is everywhere on the rim.
+    let r = x.hypot(y).min(MOST_BEHIND);
     let angle = std::f64::consts::PI * if r <= 0.7 { r / 1.4 } else { 0.5 + (r - 0.7) / 0.6 };
     let across = glam::DVec2::new(x, y).normalize_or_zero();
     DVec3::new(across.x * angle.sin(), across.y * angle.sin(), angle.cos())
@@ -245,6 +249,9 @@ mod tests {
         }
         assert!(direction(rect, rect.center()).distance(DVec3::Z) < 1e-9);
         // Beyond the square: behind.
-        assert!(direction(rect, rect.right_top() + Vec2::new(50.0, -50.0)).distance(DVec3::NEG_Z) < 1e-6);
+        let behind = direction(rect, rect.right_top() + Vec2::new(50.0, -50.0));
+        assert!(behind.z < -0.98 && behind.x > 0.0 && behind.y > 0.0, "{behind}");
+        assert!(dot(rect, behind).distance(rect.center()) > 0.45 * BALL);
+        assert!(rect.contains(dot(rect, DVec3::NEG_Z)));
     }
 }
