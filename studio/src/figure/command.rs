@@ -558,6 +558,13 @@ fn reading(before: Option<&VolumeSlot>, now: &VolumeSlot) -> String {
         (Some(_), Some(_)) => parts.push("cropped otherwise".to_owned()),
         (Some(_), None) => parts.push("whole".to_owned()),
     }
+    if before.filters != now.filters {
+        parts.push(match &now.filters[..] {
+            [] => "without a filter".to_owned(),
+            [filter] => format!("through a {filter}"),
+            several => format!("through {} filters", several.len()),
+        });
+    }
     let (old, new) = (before.reduce.unwrap_or([1; 3]), now.reduce.unwrap_or([1; 3]));
     if old != new {
         parts.push(match new {

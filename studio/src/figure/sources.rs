@@ -14,7 +14,7 @@ use fabrica_engine::volume::labels::{Label, resample_layers, same_grid};
 use fabrica_engine::{Error, Progress};
 
 use super::source::{VolumeSource, cached_structures};
-use super::template::{SelectionSlot, Template, VolumeSlot};
+use super::template::{FilterTemplate, SelectionSlot, Template, VolumeSlot};
 
 /// A volume that takes the place of a template's own.
 #[derive(Clone, Debug)]
@@ -205,7 +205,7 @@ fn load_volumes(
         .enumerate()
         .map(|(i, slot)| {
             if let Some(r) = replacements.get(i) {
-                return r.source.load(&r.options, progress);
+                return filtered(slot, r.source.load(&r.options, progress)?, progress);
             }
             load_slot(slot, folder, Limits::default(), progress)
         })
@@ -217,9 +217,18 @@ fn load_volumes(
 /// # Errors
 /// One sentence.
 pub fn load_slot(slot: &VolumeSlot, folder: &Path, limits: Limits, progress: &Progress) -> Result<Arc<Volume>> {
-    VolumeSource::parse(&slot.file, folder)?
-        .load(&ReadOptions { limits, ..slot.options()? }, progress)
-        .with_context(|| format!("the template's volume \"{}\" cannot be loaded", slot.name))
+    let read = || {
+        let volume =
+            VolumeSource::parse(&slot.file, folder)?.load(&ReadOptions { limits, ..slot.options()? }, progress)?;
+        filtered(slot, volume, progress)
+    };
+    read().with_context(|| format!("the template's volume \"{}\" cannot be loaded", slot.name))
+}
+
+/// What was read for a slot, after its filters.
+fn filtered(slot: &VolumeSlot, volume: Arc<Volume>, progress: &Progress) -> Result<Arc<Volume>> {
+    let apply = |volume: Arc<Volume>, filter: &FilterTemplate| filter.filter().apply(&volume, progress).map(Arc::new);
+    Ok(slot.filters.iter().try_fold(volume, apply)?)
 }
 
 #[cfg(test)]

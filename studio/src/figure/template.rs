@@ -3,6 +3,7 @@
 //! Positions and lengths of the camera are relative to the object, so that a template fits the next dataset.
 //! Fields that this version does not know survive reading and writing (`extra`).
 
+mod filter;
 mod lighting;
 mod moved;
 mod region;
@@ -18,6 +19,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+pub use filter::FilterTemplate;
 pub use lighting::{FixedTo, LightTemplate, LightingModel, LightingTemplate, MAX_BRIGHTNESS, MAX_SHININESS};
 pub use moved::{GHOST_OPACITY, MeetingStrength, MeetingTemplate, MoveTemplate, SCALES};
 pub use region::{
@@ -85,6 +87,9 @@ pub struct VolumeSlot {
     /// So many voxels of the file, along x, y, z, become one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reduce: Option<[usize; 3]>,
+    /// Filters of what was read, against noise, one after the other; the file stays as it is.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub filters: Vec<FilterTemplate>,
     /// Fields of other versions, kept as they are.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
@@ -102,6 +107,7 @@ impl VolumeSlot {
             labels: false,
             crop: None,
             reduce: None,
+            filters: Vec::new(),
             extra: Map::new(),
         }
     }
@@ -118,6 +124,7 @@ impl VolumeSlot {
             labels: options.numbers == Numbers::Structures,
             crop: window.crop,
             reduce: (window.reduce != [1; 3]).then_some(window.reduce),
+            filters: self.filters.clone(),
             extra: self.extra.clone(),
         }
     }
@@ -403,6 +410,13 @@ impl Template {
         let page = &self.figure;
         if ![page.width_mm, page.height_mm, page.dpi].iter().all(|n| *n > 0.0 && n.is_finite()) {
             bail!("the figure is {} x {} mm at {} dpi; give positive numbers", page.width_mm, page.height_mm, page.dpi);
+        }
+        for slot in &self.volumes {
+            for filter in &slot.filters {
+                if let Err(fault) = filter.filter().check() {
+                    bail!("the volume \"{}\" is filtered: {fault}", slot.name);
+                }
+            }
         }
         for object in &self.objects {
             let Some(_) = self.volumes.iter().find(|v| v.name == object.volume) else {

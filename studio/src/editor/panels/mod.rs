@@ -5,6 +5,7 @@ pub mod histogram;
 pub mod history;
 mod lighting;
 pub mod moves;
+mod noise;
 pub mod objects;
 pub mod plot;
 pub mod properties;

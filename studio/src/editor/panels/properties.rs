@@ -8,7 +8,7 @@ use super::super::movable::Movable;
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::super::ui_command::UiCommand;
-use super::{lighting, moves, regions, shading};
+use super::{lighting, moves, noise, regions, shading};
 use crate::figure::Command;
 use crate::figure::template::{Background, Page, ProjectionName, QualityName, VolumeSlot};
 
@@ -253,6 +253,9 @@ fn source(ui: &mut Ui, open: &OpenFigure) -> Option<Wanted> {
             }
             if let Some((number, slot)) = slot.filter(|_| volume.num_frames > 1) {
                 wanted = frame(ui, slot, volume.num_frames).map(|slot| Wanted::Reading(number, Box::new(slot)));
+            }
+            if let Some((number, slot)) = slot.filter(|_| volume.colors.is_none()) {
+                wanted = noise::show(ui, slot, volume).map(|slot| Wanted::Reading(number, Box::new(slot))).or(wanted);
             }
             for warning in &volume.warnings {
                 ui.add(egui::Label::new(theme::small(ui.ctx(), warning)).wrap());
