@@ -282,7 +282,9 @@ fn inspect_schema_and_adapters_speak_json() {
     assert_eq!(json(&["inspect", "specimen:engine@32", "--json"])["modality"], "unknown");
     let schema = json(&["schema"]);
     assert!(schema["properties"]["objects"].is_object() && schema["required"].to_string().contains("fabrica"));
-    assert!(json(&["styles", "--json"]).as_array().unwrap().len() >= 8);
+    let styles = json(&["styles", "--json"]);
+    assert!(styles["styles"].as_array().unwrap().len() >= 8);
+    assert!(styles["themes"].as_array().unwrap().iter().any(|theme| theme["name"] == "watercolor"));
     let adapters = json(&["adapters", "--json", "--software"]);
     assert_eq!(adapters[0]["kind"], "software");
     let words = place.run(&["inspect", "block.raw", "--raw", "8x8x8xuint8"]);
