@@ -291,6 +291,8 @@ embedded![
     "chalk_yellow",
     "chalk_green",
     "chalk_rose",
+    "chalk_veil",
+    "engraving_black",
     "engraving_red",
     "engraving_blue",
     "engraving_brown",

@@ -26,9 +26,11 @@ pub const STYLES: &[Style] = &[
     ("chalk_yellow", "Yellow chalk", "Yellow chalk on a blackboard: nerves and fat.", &["chalk", "dark", "line"], |n| chalk_on_board(n, "f4d668")),
     ("chalk_green", "Green chalk", "Green chalk on a blackboard: lymph and cartilage.", &["chalk", "dark", "line"], |n| chalk_on_board(n, "92d48c")),
     ("chalk_rose", "Rose chalk", "Rose chalk on a blackboard: skin, organs, brain.", &["chalk", "dark", "line"], |n| chalk_on_board(n, "f0aca0")),
-    ("engraving_red", "Engraving in red", "Engraved lines in red ink: arteries and muscle of a plate in two inks.", &["line", "paper", "tone"], |n| engraved(n, "9c2a1c", "f8e3d2")),
-    ("engraving_blue", "Engraving in blue", "Engraved lines in blue ink: veins of a plate in two inks.", &["line", "paper", "tone"], |n| engraved(n, "234a86", "e6e9e4")),
-    ("engraving_brown", "Engraving in brown", "Engraved lines in light brown ink: soft parts of a plate.", &["line", "paper", "tone"], |n| engraved(n, "7c5233", "f7ead2")),
+    ("chalk_veil", "Chalk veil", "A thin line of chalk at the edge of nothing: envelopes on dark pages.", &["chalk", "transparent", "line"], chalk_veil),
+    ("engraving_black", "Engraving in black", "Fine lines over a tone of black brown ink: bone, and all that is not in color.", &["line", "paper", "tone"], |n| engraved(n, "241a14", "fbf5e6")),
+    ("engraving_red", "Engraving in red", "Fine lines over a tone of red ink: arteries and muscle of a plate in two inks.", &["line", "paper", "tone"], |n| engraved(n, "9c2a1c", "f8e3d2")),
+    ("engraving_blue", "Engraving in blue", "Fine lines over a tone of blue ink: veins of a plate in two inks.", &["line", "paper", "tone"], |n| engraved(n, "234a86", "e6e9e4")),
+    ("engraving_brown", "Engraving in brown", "Fine lines over a tone of light brown ink: soft parts of a plate.", &["line", "paper", "tone"], |n| engraved(n, "7c5233", "f7ead2")),
     ("ink_veil", "Ink veil", "A brown pen line at the edge of nothing: envelopes on paper.", &["line", "transparent"], ink_veil),
     ("film", "Film", "Gray white, denser than the X-ray: bone and metal on a radiograph.", &["transparent", "technical", "dark"], |n| film(n, "8fa6ba", "ffffff", 1.5, 0.30)),
     ("film_soft", "Soft film", "A faint gray blue shadow: soft parts on a radiograph.", &["transparent", "technical", "dark"], |n| film(n, "2a4a6a", "8fb4d2", 0.30, 0.01)),
@@ -85,21 +87,30 @@ fn chalk_on_board(n: DVec3, chalk: &str) -> DVec4 {
     let line = smoothstep(0.90, 0.985, radius(n)) * (0.45 + 0.40 * noise(p / 9.0 + 70.0));
     let pressure = (0.02 + 0.78 * lit.powf(1.5) + line).min(1.0);
     let rubbed = 0.30 * pressure;
-    let pressed = pressure * smoothstep(0.78 - 0.66 * pressure, 1.06 - 0.62 * pressure, grain + 0.16);
+    let pressed = pressure * smoothstep(0.58 - 0.70 * pressure, 1.26 - 0.70 * pressure, grain + 0.12);
     hex("121518").lerp(hex(chalk), (rubbed + 0.75 * pressed).clamp(0.0, 1.0)).extend(1.0)
 }
 
-/// Lines of an ink on toned paper, closer and broader in the shadow.
+fn chalk_veil(n: DVec3) -> DVec4 {
+    let grain = noise(n.truncate() * 58.0 + 5.0) * 0.6 + noise(n.truncate() * 21.0) * 0.4;
+    let rim = smoothstep(0.80, 1.0, radius(n)).powi(2);
+    hex("f4f2ea").extend((0.02 + 0.85 * rim * (0.45 + 0.75 * grain)).clamp(0.0, 0.95))
+}
+
+/// An ink on toned paper, as in an aquatint: fine lines over a tone that carries the form. Lines alone tear on what is nearly flat,
+/// where the normal says little of the direction.
 fn engraved(n: DVec3, ink: &str, paper: &str) -> DVec4 {
     let dark = 1.0 - tone(n);
     let line = |axis: DVec3, count: f64, amount: f64| {
         let phase = n.dot(axis.normalize()).clamp(-1.0, 1.0).acos() / std::f64::consts::PI * count;
         let distance = (phase - phase.round()).abs() * 2.0;
-        smoothstep(amount + 0.12, amount - 0.12, distance) * smoothstep(0.01, 0.12, amount)
+        smoothstep(amount + 0.22, amount - 0.22, distance) * smoothstep(0.01, 0.20, amount)
     };
-    let first = line(DVec3::new(0.42, 0.88, -0.24), 27.0, 0.12 + 0.70 * smoothstep(0.10, 0.95, dark));
-    let second = line(DVec3::new(-0.80, 0.50, -0.30), 27.0, 0.60 * smoothstep(0.62, 1.0, dark));
-    let covered = 1.0 - (1.0 - first) * (1.0 - second) * (1.0 - contour(n, 0.03, 0.08));
+    let first = line(DVec3::new(0.42, 0.88, -0.24), 38.0, 0.75 * smoothstep(0.10, 0.95, dark));
+    let second = line(DVec3::new(-0.80, 0.50, -0.30), 38.0, 0.55 * smoothstep(0.62, 1.0, dark));
+    let lines = 1.0 - (1.0 - 0.62 * first) * (1.0 - 0.45 * second);
+    let aquatint = 0.90 * smoothstep(0.06, 0.90, dark);
+    let covered = 1.0 - (1.0 - lines) * (1.0 - aquatint) * (1.0 - 0.9 * contour(n, 0.02, 0.06));
     hex(paper).lerp(hex(ink), covered).extend(1.0)
 }
 
@@ -121,7 +132,7 @@ fn toned(n: DVec3, code: &str) -> DVec4 {
     let t = 0.5 + 0.5 * n.dot(key());
     let cool = hex("24406e") * 0.55 + color * 0.16;
     let warm = color * 0.92 + hex("fff0c8") * 0.16;
-    let body = cool.lerp(color, smoothstep(0.12, 0.82, t)).lerp(warm, smoothstep(0.80, 1.0, t));
+    let body = cool.lerp(color, smoothstep(0.16, 0.92, t)).lerp(warm, smoothstep(0.86, 1.0, t));
     let edge = smoothstep(0.915, 0.975, radius(n));
     shoulder(body + 0.55 * highlight(n, key(), 0.30, 0.05)).lerp(hex("10182c"), 0.85 * edge).extend(1.0)
 }

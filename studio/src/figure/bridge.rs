@@ -284,11 +284,16 @@ impl Making<'_> {
             Tint::Own => Some(label.color),
             Tint::Color(color) => Some(color),
         };
-        let tint = tint.and_then(|color| self.theme.map_or(Some(color), |theme| theme.tint(color)));
-        let visible = look.visible.unwrap_or(true);
         let function = look.transfer_function.as_ref().unwrap_or(&object.transfer_function);
+        let own = look.style.as_deref();
+        let is_veil = || function.nodes.iter().any(|node| theme::is_veil(own.unwrap_or(&node.style)));
+        let (style, tint) = match (self.theme, tint) {
+            (Some(theme), Some(color)) => theme.dress(color, is_veil()),
+            (_, tint) => (None, tint),
+        };
+        let visible = look.visible.unwrap_or(true);
         Ok(Look {
-            transfer_function: self.function(function, look.style.as_deref(), &look.shading.or(&object.shading))?,
+            transfer_function: self.function(function, style.or(own), &look.shading.or(&object.shading))?,
             tint: tint.map(|color| color.map(linear_from_srgb8)),
             opacity: if visible { look.opacity.unwrap_or(1.0) } else { 0.0 },
         })
@@ -460,7 +465,10 @@ mod tests {
         assert_eq!(document.undo_label(), Some("Use theme Color-blind safe"));
         let themed = made(document.figure(), &sources);
         let names = |scene: &Scene| scene.styles.iter().map(|style| style.name.clone()).collect::<Vec<_>>();
-        assert_eq!((names(&own), names(&themed)), (vec!["wax".to_owned()], vec!["matte_yellow".to_owned()]));
+        assert_eq!(
+            (names(&own), names(&themed)),
+            (vec!["wax".to_owned()], ["matte_yellow", "matte_vermilion", "matte_blue"].map(str::to_owned).to_vec())
+        );
         assert_eq!(themed.background, scene::Background::Color([1.0; 3]));
         let (was, is) = (&own.objects[0], &themed.objects[0]);
         assert!(was.transfer_function.contours.is_none());
@@ -468,8 +476,9 @@ mod tests {
         assert_eq!(was.transfer_function.nodes, is.transfer_function.nodes);
         let tints = |object: &Object| object.regions.iter().map(|r| r.look.tint).collect::<Vec<_>>();
         assert_eq!(tints(was), [Some([1.0, 0.0, 0.0]), Some([0.0, 0.0, 1.0])]);
-        let linear = |color: [u8; 3]| Some(color.map(linear_from_srgb8));
-        assert_eq!(tints(is), [linear([0xd5, 0x5e, 0x00]), linear([0x00, 0x72, 0xb2])]);
+        assert_eq!(tints(is), [None, None]);
+        let style = |i: usize| themed.styles[is.regions[i].look.transfer_function.nodes[0].style].name.as_str();
+        assert_eq!([style(0), style(1)], ["matte_vermilion", "matte_blue"]);
         // What the object itself says of lines holds, and so does the view.
         let mut ours = (**document.figure()).clone();
         ours.objects[0].shading.contours = Some(crate::figure::template::ContoursTemplate::new(0.0));

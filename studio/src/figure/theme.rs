@@ -45,8 +45,9 @@ pub enum Tints {
     Keep,
     /// There are none: all is drawn in the styles' own colors.
     Drop,
-    /// The one of these that comes nearest takes the place of each.
-    Nearest(Vec<Rgb>),
+    /// What has a tint is drawn in one of these styles instead: the one whose color here comes nearest to it. A tint would leave of a
+    /// style's colors its light alone: no paper between washes, no ink on paper.
+    Styles(BTreeMap<String, Rgb>),
 }
 
 impl Tints {
@@ -105,17 +106,25 @@ impl Theme {
         self.styles.get(style).or_else(role).or(self.otherwise.as_ref()).map_or(style, String::as_str)
     }
 
-    /// The tint that is drawn in place of an sRGB color.
-    pub fn tint(&self, color: [u8; 3]) -> Option<[u8; 3]> {
+    /// The style and the tint of something that has the tint `color`; `is_veil`: its styles let through what lies behind, as no
+    /// style that stands for a tint does. No style: those that it names.
+    pub fn dress(&self, color: [u8; 3], is_veil: bool) -> (Option<&str>, Option<[u8; 3]>) {
         match &self.tints {
-            Tints::Keep => Some(color),
-            Tints::Drop => None,
-            Tints::Nearest(palette) => {
-                let distance = |a: &Rgb| difference(a.0, color);
-                palette.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).map(|nearest| nearest.0)
+            Tints::Drop => (None, None),
+            Tints::Styles(styles) if !is_veil => {
+                let distance = |of: &Rgb| difference(of.0, color);
+                let nearest = styles.iter().min_by(|(_, a), (_, b)| distance(a).total_cmp(&distance(b)));
+                (nearest.map(|(style, _)| style.as_str()), None)
             }
+            Tints::Keep | Tints::Styles(_) => (None, Some(color)),
         }
     }
+}
+
+/// Whether a style lets through what lies behind it, as glass.
+pub fn is_veil(style: &str) -> bool {
+    const VEIL: &str = "glass";
+    style == VEIL || FILE.stands_for.get(style).is_some_and(|role| role == VEIL)
 }
 
 /// How different two sRGB colors look: squared distance in Oklab (Ottosson 2020), whose hues count four times their lightness, as tints
@@ -201,19 +210,25 @@ mod tests {
     }
 
     #[test]
-    fn tints_go_to_the_nearest_color() {
-        let theme = named("color_blind_safe").unwrap();
-        let Tints::Nearest(palette) = &theme.tints else { panic!("{:?}", theme.tints) };
-        for color in palette {
-            assert_eq!(theme.tint(color.0), Some(color.0));
+    fn tints_go_to_the_style_of_the_nearest_color() {
+        for theme in all() {
+            let Tints::Styles(styles) = &theme.tints else { continue };
+            for (style, color) in styles {
+                assert_eq!(theme.dress(color.0, false), (Some(style.as_str()), None));
+                // It is drawn in itself, and not taken for a role in turn.
+                assert_eq!(theme.style(style), style, "{}", theme.name);
+            }
         }
+        let theme = named("color_blind_safe").unwrap();
+        let nearest = |color: [u8; 3]| theme.dress(color, false).0.unwrap();
         // Blood red and blood blue, a leaf, bone.
-        let nearest = |color: [u8; 3]| Rgb(theme.tint(color).unwrap());
-        let hex = |text: &str| serde_json::from_str::<Rgb>(&format!("\"{text}\"")).unwrap();
-        assert_eq!(nearest([216, 57, 43]), hex("#d55e00"));
-        assert_eq!(nearest([40, 90, 190]), hex("#0072b2"));
-        assert_eq!(nearest([60, 160, 90]), hex("#009e73"));
-        assert_eq!(nearest([244, 232, 220]), hex("#f2f0ea"));
-        assert_eq!(named("xray").unwrap().tint([9, 9, 9]), None);
+        assert_eq!(nearest([216, 57, 43]), "matte_vermilion");
+        assert_eq!(nearest([40, 90, 190]), "matte_blue");
+        assert_eq!(nearest([60, 160, 90]), "matte_green");
+        assert_eq!(nearest([244, 232, 220]), "plaster");
+        // What lies behind a veil stays to be seen.
+        assert!(is_veil("glass") && is_veil("smoke") && !is_veil("bone"));
+        assert_eq!(theme.dress([9, 9, 9], true), (None, Some([9, 9, 9])));
+        assert_eq!(named("xray").unwrap().dress([9, 9, 9], false), (None, None));
     }
 }
