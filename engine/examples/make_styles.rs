@@ -3,11 +3,15 @@
 //!
 //! `cargo run --release -p fabrica-engine --example make_styles`
 //!
-//! A new style is a function here, a line in [`STYLES`], and its name in `embedded![]` of `engine/src/styles.rs`.
+//! A new style is a function here or in `make_styles/families.rs`, a line in `STYLES` there, and its name in `embedded![]` of
+//! `engine/src/styles.rs`.
 //!
 //! Illustrators light from the top left: a warm key, a cool fill from the right, light from the ground, and a rim
 //! light from behind at the lower right, which keeps the shadow side apart from its neighbors. Shading is computed in
 //! linear light. A style is looked up by the normal alone, so a rim is also the color of contours.
+
+#[path = "make_styles/families.rs"]
+mod families;
 
 use std::f64::consts::PI;
 use std::path::Path;
@@ -838,7 +842,7 @@ fn main() -> Result<()> {
     let folder = root.join("styles");
     let mut infos = Vec::new();
     let mut loaded = Vec::new();
-    for &(name, title, description, tags, shade) in STYLES {
+    for &(name, title, description, tags, shade) in STYLES.iter().chain(families::STYLES) {
         let picture = render(shade);
         let premultiplied: Vec<[f32; 4]> = picture.pixels.iter().copied().map(premultiplied_from_straight).collect();
         let options = PngOptions {

@@ -86,6 +86,36 @@ fn render_writes_the_figure_at_its_physical_size() {
 }
 
 #[test]
+fn a_theme_is_an_option_a_field_and_if_unknown_a_warning() {
+    let place = Place::new();
+    let drawn = |template: &str, options: &[&str]| {
+        let mut arguments = vec!["render", template, "--out", "theme.png"];
+        arguments.extend(options);
+        let output = place.run(&arguments);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{options:?}: {said}");
+        (std::fs::read(place.path("theme.png")).unwrap(), png_facts(&place.path("theme.png")).2, said)
+    };
+    const RGB: u8 = 2;
+    const RGBA: u8 = 6;
+    let (own, kind, _) = drawn("figure.json", &[]);
+    assert_eq!(kind, RGBA);
+    let (themed, kind, said) = drawn("figure.json", &["--theme", "watercolor"]);
+    assert!(themed != own && kind == RGB && !said.contains("theme"), "{said}");
+    // The background of the command line has the last word.
+    let (clear, kind, _) = drawn("figure.json", &["--theme", "watercolor", "--background", "transparent"]);
+    assert!(clear != own && clear != themed && kind == RGBA);
+    let with = |theme: &str| TEMPLATE.replace("\"fabrica\": 1,", &format!("\"fabrica\": 1, \"theme\": \"{theme}\","));
+    std::fs::write(place.path("themed.json"), with("watercolor")).unwrap();
+    assert!(drawn("themed.json", &[]).0 == themed && drawn("themed.json", &["--theme", "none"]).0 == own);
+    std::fs::write(place.path("unknown.json"), with("impasto")).unwrap();
+    let (picture, _, said) = drawn("unknown.json", &[]);
+    assert!(picture == own && said.contains("warning: there is no theme \"impasto\"; choose one of"), "{said}");
+    let message = place.fails(&["render", "figure.json", "--theme", "impasto", "--out", "no.png"], 2);
+    assert!(message.contains("choose one of anatomical_plate,") && message.contains("or none"), "{message}");
+}
+
+#[test]
 fn a_chosen_setting_is_stated_with_its_error() {
     let place = Place::new();
     for (option, number) in [("--max-error", "2"), ("--budget-ms", "1e6")] {
@@ -282,7 +312,9 @@ fn inspect_schema_and_adapters_speak_json() {
     assert_eq!(json(&["inspect", "specimen:engine@32", "--json"])["modality"], "unknown");
     let schema = json(&["schema"]);
     assert!(schema["properties"]["objects"].is_object() && schema["required"].to_string().contains("fabrica"));
-    assert!(json(&["styles", "--json"]).as_array().unwrap().len() >= 8);
+    let styles = json(&["styles", "--json"]);
+    assert!(styles["styles"].as_array().unwrap().len() >= 8);
+    assert!(styles["themes"].as_array().unwrap().iter().any(|theme| theme["name"] == "watercolor"));
     let adapters = json(&["adapters", "--json", "--software"]);
     assert_eq!(adapters[0]["kind"], "software");
     let words = place.run(&["inspect", "block.raw", "--raw", "8x8x8xuint8"]);

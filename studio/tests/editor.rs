@@ -386,6 +386,41 @@ fn undo_all(harness: &mut Window) {
 }
 
 #[test]
+fn a_theme_is_chosen_in_one_step_and_taken_back() {
+    let place = Place::with_ball();
+    let mut harness = harness(Some(place.path("figure.json")));
+    settle(&mut harness);
+    let picture = |harness: &Window| editor(harness).picture_pixels().unwrap().0.to_vec();
+    let (own, pixels) = (figure(&harness), picture(&harness));
+    let choose = |harness: &mut Window, theme: &str| {
+        harness.query_all_by_label("Theme").last().unwrap().scroll_to_me();
+        // The panel glides there.
+        harness.run_steps(40);
+        click_on(harness, "Theme");
+        click_on(harness, theme);
+        settle(harness);
+    };
+    choose(&mut harness, "Chalk on black");
+    assert_eq!(figure(&harness), Template { theme: Some("chalk_on_black".to_owned()), ..own.clone() });
+    assert_eq!(labels(&harness), ["Use theme Chalk on black"]);
+    let themed = picture(&harness);
+    assert_eq!(themed[..4], [0x12, 0x15, 0x18, 255]);
+    assert!(harness.query_by_label("#121518, of the theme").is_some());
+    // The same again is no step.
+    choose(&mut harness, "Chalk on black");
+    assert_eq!(labels(&harness).len(), 1);
+    choose(&mut harness, "None");
+    assert_eq!(figure(&harness), own);
+    assert!(picture(&harness) == pixels);
+    run(&mut harness, UiCommand::Undo);
+    settle(&mut harness);
+    assert!(picture(&harness) == themed);
+    undo_all(&mut harness);
+    settle(&mut harness);
+    assert!(figure(&harness) == own && picture(&harness) == pixels);
+}
+
+#[test]
 fn nodes_are_dragged_inserted_copied_and_removed() {
     let place = Place::with_ball();
     let mut harness = opened(&place);

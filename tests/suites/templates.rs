@@ -11,6 +11,7 @@ use fabrica_studio::figure::bridge::scene;
 use fabrica_studio::figure::source::VolumeSource;
 use fabrica_studio::figure::sources::{Replacement, load};
 use fabrica_studio::figure::template::Domain;
+use fabrica_studio::figure::theme;
 use fabrica_tests::{checkout, data, renderer};
 
 fn shipped() -> Vec<PathBuf> {
@@ -70,6 +71,44 @@ fn shipped_templates_draw_a_small_head() {
         pictures.push(image);
     }
     assert!(pictures.windows(2).all(|w| w[0] != w[1]));
+}
+
+#[test]
+fn shipped_templates_draw_in_every_theme() {
+    let mut renderer = renderer();
+    let styles = StyleLibrary::embedded();
+    let progress = Progress::new();
+    let abdomen = data("ct_abdomen_3mm_slab.nii.gz").zip(data("ct_abdomen_3mm_slab_labels.nii.gz"));
+    for file in shipped() {
+        let mut template = Template::read(&file).unwrap();
+        let (volume, labels) = match &abdomen {
+            _ if has_data(&template) => (small_head(), vec![]),
+            Some((scan, labels)) => (
+                Replacement { source: VolumeSource::Path(scan.clone()), options: Default::default() },
+                vec![labels.to_str().unwrap().to_owned()],
+            ),
+            None => continue,
+        };
+        let sources = load(&template, &checkout().join("templates"), &[volume], &labels, &progress).unwrap();
+        let mut pictures = Vec::new();
+        for theme in std::iter::once(None).chain(theme::all().iter().map(Some)) {
+            template.theme = theme.map(|theme| theme.name.clone());
+            let (scene, notes) = scene(&template, &sources, &styles, &progress).unwrap();
+            let drawn_in = format!("{} in {:?}", file.display(), template.theme);
+            assert!(!notes.iter().any(|note| note.contains("theme")), "{drawn_in}: {notes:?}");
+            let image = renderer.render(&scene, [32, 32], &RenderOptions::default(), &progress).unwrap();
+            let corner = image.pixels[0];
+            let differs = |p: &&[f32; 4]| p.iter().zip(&corner).any(|(a, b)| (a - b).abs() > 0.02);
+            let drawn = image.pixels.iter().filter(differs).count();
+            assert!(drawn > 32 * 32 / 16, "{drawn_in} draws {drawn} pixels");
+            pictures.push((drawn_in, image.pixels));
+        }
+        for (i, (name, picture)) in pictures.iter().enumerate() {
+            for (other, same) in &pictures[..i] {
+                assert!(picture != same, "{name} is the same picture as {other}");
+            }
+        }
+    }
 }
 
 #[test]

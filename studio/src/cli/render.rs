@@ -15,7 +15,7 @@ use super::progress_bar::Bar;
 use super::setup::{self, BordersName, parse_size, peak_memory_mb};
 use super::{UsageError, volumes};
 use crate::figure::template::{Background, Page, QualityName};
-use crate::figure::{Template, bridge, sources};
+use crate::figure::{Template, bridge, sources, theme};
 
 #[derive(clap::Args, Debug)]
 pub struct Arguments {
@@ -29,7 +29,10 @@ pub struct Arguments {
     /// Dots per inch; the pixels follow from the template's size in mm. With --size: the width becomes pixels/dpi.
     #[arg(long, value_name = "N", value_parser = parse_positive)]
     dpi: Option<f64>,
-    /// transparent or #rrggbb, in place of the template's.
+    /// A theme, by name, in place of the template's (see `fabrica styles`); "none": none.
+    #[arg(long, value_name = "NAME", value_parser = parse_theme)]
+    theme: Option<String>,
+    /// transparent or #rrggbb, in place of the template's and of the theme's.
     #[arg(long, value_name = "COLOR")]
     background: Option<Background>,
     /// In place of the template's.
@@ -60,6 +63,16 @@ pub struct Arguments {
 
 fn parse_positive(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|d: &f64| d.is_finite() && *d > 0.0).ok_or_else(|| "write a positive number".to_owned())
+}
+
+/// What stands for no theme on the command line.
+const NO_THEME: &str = "none";
+
+fn parse_theme(name: &str) -> Result<String, String> {
+    if name == NO_THEME {
+        return Ok(name.to_owned());
+    }
+    theme::named(name).map(|theme| theme.name.clone()).map_err(|unknown| format!("{unknown} or none"))
 }
 
 /// Pixels and dpi of an export: `size` sets the pixels, `dpi` the resolution, each follows from the page otherwise.
@@ -102,9 +115,14 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     check_out(out)?;
     let replacements = arguments.volumes.replacements(matches)?;
     let mut template = Template::read(&arguments.template)?;
-    if let Some(background) = arguments.background {
-        template.background = background;
+    if let Some(name) = &arguments.theme {
+        template.theme = Some(name.clone()).filter(|name| name != NO_THEME);
     }
+    if let Err(unknown) = theme::of(&template) {
+        say!("warning: {unknown}; the figure is drawn without it");
+        template.theme = None;
+    }
+    let background = arguments.background.unwrap_or_else(|| theme::background(&template));
     if let Some(quality) = arguments.quality {
         template.quality = quality;
     }
@@ -124,6 +142,7 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     }
     clock.lap("volumes");
     let (mut scene, notes) = bridge::scene(&template, &sources, &styles, &progress)?;
+    scene.background = bridge::background(background);
     if arguments.verbose {
         notes.iter().for_each(|note| say!("note: {note}"));
     }
@@ -147,7 +166,7 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     let setting = setting(&scene.quality, estimate.as_ref());
     let options = PngOptions {
         dpi,
-        opaque: template.background != Background::Transparent,
+        opaque: background != Background::Transparent,
         text: vec![
             ("Software".to_owned(), format!("Fabrica {}", env!("CARGO_PKG_VERSION"))),
             ("Fabrica-Setting".to_owned(), format!("{setting}; adapter {} ({})", adapter.name, adapter.backend)),

@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use fabrica_engine::styles::{StyleInfo, StyleLibrary};
+use fabrica_engine::styles::StyleLibrary;
+
+use crate::figure::theme;
 
 #[derive(clap::Args, Debug)]
 pub struct Arguments {
@@ -24,12 +26,16 @@ pub fn library(folder: Option<&PathBuf>) -> Result<StyleLibrary> {
     })
 }
 
-/// Lists names and descriptions.
+/// Lists names and descriptions of styles and themes.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let library = library(arguments.styles.as_ref())?;
     if arguments.json {
-        return super::print_line(&serde_json::to_string_pretty(&library.infos().collect::<Vec<&StyleInfo>>())?);
+        let listed = serde_json::json!({"styles": library.infos().collect::<Vec<_>>(), "themes": theme::all()});
+        return super::print_line(&serde_json::to_string_pretty(&listed)?);
     }
-    let lines: Vec<String> = library.infos().map(|s| format!("{:16} {}", s.name, s.description)).collect();
+    let styles = library.infos().map(|s| format!("{:17} {}", s.name, s.description));
+    let themes = theme::all().iter().map(|t| format!("{:17} {}", t.name, t.description));
+    let heading = ["", "Themes (\"theme\" in a template, or render --theme NAME):"].map(str::to_owned);
+    let lines: Vec<String> = styles.chain(heading).chain(themes).collect();
     super::print_line(&lines.join("\n"))
 }

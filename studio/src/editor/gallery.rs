@@ -8,6 +8,8 @@ use eframe::egui::{Color32, ColorImage, Context, Painter, Pos2, Rect, TextureHan
 use fabrica_engine::color::srgb8_from_linear;
 use fabrica_engine::styles::{StyleImage, StyleLibrary};
 
+use crate::figure::theme::Theme;
+
 /// Mip level of the styles that is shown, and its pixels a side: 256 / 2².
 const LEVEL: usize = 2;
 
@@ -23,6 +25,8 @@ struct Sphere {
 /// Pictures of the styles of a library.
 pub struct Gallery {
     library: Arc<StyleLibrary>,
+    /// What styles are drawn in.
+    theme: Option<&'static Theme>,
     spheres: HashMap<String, Sphere>,
     made: Receiver<(String, ColorImage, Color32)>,
 }
@@ -42,7 +46,7 @@ impl Gallery {
                 wake.request_repaint();
             }
         });
-        Self { library, spheres: HashMap::new(), made }
+        Self { library, theme: None, spheres: HashMap::new(), made }
     }
 
     /// Takes in what has been made since the last time.
@@ -51,6 +55,16 @@ impl Gallery {
             let texture = ctx.load_texture(format!("style {name}"), image, TextureOptions::LINEAR);
             self.spheres.insert(name, Sphere { texture, mean });
         }
+    }
+
+    /// From now on, what a theme draws is shown for each style; none: the style itself.
+    pub fn set_theme(&mut self, theme: Option<&'static Theme>) {
+        self.theme = theme;
+    }
+
+    /// The name of the style that is drawn where a figure names `name`.
+    pub fn drawn<'a>(&self, name: &'a str) -> &'a str {
+        self.theme.map_or(name, |theme| theme.style(name))
     }
 
     /// The styles themselves.
@@ -63,16 +77,16 @@ impl Gallery {
         self.library.info(name).map_or(name, |info| &info.title)
     }
 
-    /// The color that a style has from afar; gray until it is known.
+    /// The color that a style has from afar, in the theme; gray until it is known.
     pub fn mean(&self, name: &str) -> Color32 {
-        self.spheres.get(name).map_or(Color32::GRAY, |s| s.mean)
+        self.spheres.get(self.drawn(name)).map_or(Color32::GRAY, |s| s.mean)
     }
 
-    /// Paints a style's sphere.
+    /// Paints the sphere of a style, as the theme draws it.
     pub fn paint(&self, painter: &Painter, center: Pos2, radius: f32, name: &str) {
         // Transparent styles stand before a middle gray: before white, glass would vanish.
         painter.circle_filled(center, radius, Color32::from_gray(110));
-        if let Some(sphere) = self.spheres.get(name) {
+        if let Some(sphere) = self.spheres.get(self.drawn(name)) {
             let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
             let rect = Rect::from_center_size(center, Vec2::splat(2.0 * radius));
             painter.image(sphere.texture.id(), rect, whole, Color32::WHITE);

@@ -176,6 +176,7 @@ fn looks_same(a: &Arc<Template>, b: &Arc<Template>) -> bool {
             && a.objects == b.objects
             && a.camera == b.camera
             && a.background == b.background
+            && a.theme == b.theme
             && a.quality == b.quality
     };
     Arc::ptr_eq(a, b) || same(a, b)

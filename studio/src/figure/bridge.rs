@@ -23,6 +23,7 @@ use super::template::{
     ProjectionName, QualityName, Reference, RegionTemplate, ShadingTemplate, Template, Tint, TransferFunctionTemplate,
     Transparency, is_called,
 };
+use super::theme::{self, Theme};
 
 /// The scene of a template with what was read for its slots, and what the user might want to know about how it came about, a
 /// sentence each.
@@ -38,14 +39,26 @@ pub fn scene(
     let reference = reference(template, sources, progress)?;
     let radius_mm = radius_mm(template, reference.as_ref());
     let mut notes = Vec::new();
+    let theme = theme::of(template).unwrap_or_else(|unknown| {
+        notes.push(format!("{unknown}; the figure is drawn without it"));
+        None
+    });
     let mut used: Vec<Arc<StyleImage>> = Vec::new();
     let mut objects = Vec::new();
     for object in &template.objects {
         let slot = template.volumes.iter().position(|v| v.name == object.volume);
         let volume =
             slot.and_then(|i| sources.volumes.get(i)).context("a volume slot of the template is empty; fill it")?;
-        let mut making =
-            Making { volume, styles, used: &mut used, notes: &mut notes, radius_mm, poses: Vec::new(), progress };
+        let mut making = Making {
+            volume,
+            styles,
+            theme,
+            used: &mut used,
+            notes: &mut notes,
+            radius_mm,
+            poses: Vec::new(),
+            progress,
+        };
         let mut made = making.object(object)?;
         for region in &object.regions {
             let slot = template.selections.iter().position(|s| s.name == region.selection);
@@ -63,15 +76,20 @@ pub fn scene(
         camera,
         objects,
         styles: used,
-        background: match template.background {
-            Background::Transparent => scene::Background::Transparent,
-            Background::Color(rgb) => scene::Background::Color(rgb.map(linear_from_srgb8)),
-        },
+        background: background(theme::background(template)),
         quality: quality(template.quality),
         page_height_mm: template.figure.height_mm,
     };
     scene.validate()?;
     Ok((scene, notes))
+}
+
+/// A template's background as a scene's.
+pub fn background(background: Background) -> scene::Background {
+    match background {
+        Background::Transparent => scene::Background::Transparent,
+        Background::Color(rgb) => scene::Background::Color(rgb.map(linear_from_srgb8)),
+    }
 }
 
 /// The settings behind a quality's name.
@@ -94,7 +112,8 @@ pub(super) fn object(
     progress: &Progress,
 ) -> Result<Object> {
     let (used, notes) = (&mut Vec::new(), &mut Vec::new());
-    Making { volume, styles, used, notes, radius_mm: 1.0, poses: Vec::new(), progress }.object(template)
+    let theme = None;
+    Making { volume, styles, theme, used, notes, radius_mm: 1.0, poses: Vec::new(), progress }.object(template)
 }
 
 /// What the camera's lengths are relative to: the first object as its own transfer function shows it, in whatever styles. Its regions
@@ -138,6 +157,8 @@ fn values<'a>(volume: &'a Volume, domain: Domain, progress: &Progress) -> Result
 struct Making<'a> {
     volume: &'a Arc<Volume>,
     styles: &'a StyleLibrary,
+    /// What the template's styles are drawn in.
+    theme: Option<&'a Theme>,
     /// The scene's styles so far.
     used: &'a mut Vec<Arc<StyleImage>>,
     notes: &'a mut Vec<String>,
@@ -184,7 +205,8 @@ impl Making<'_> {
         let value = values(self.volume, template.domain, self.progress)?;
         let mut nodes = Vec::with_capacity(template.nodes.len());
         for node in &template.nodes {
-            let style = self.styles.get(style.unwrap_or(&node.style))?;
+            let named = style.unwrap_or(&node.style);
+            let style = self.styles.get(self.theme.map_or(named, |theme| theme.style(named)))?;
             let position = self.used.iter().position(|s| Arc::ptr_eq(s, &style)).unwrap_or_else(|| {
                 self.used.push(style);
                 self.used.len() - 1
@@ -192,6 +214,7 @@ impl Making<'_> {
             nodes.push(TransferFunctionNode { value: value(node.at), style: position, opacity: node.opacity });
         }
         let voxel_mm = self.volume.grid.spacing_mm().min_element();
+        let shading = self.theme.map_or_else(|| shading.clone(), |theme| shading.or(&theme.shading));
         Ok(StyleTransferFunction {
             contours: shading.contours.as_ref().filter(|contours| contours.width_pt > 0.0).map(|contours| Contours {
                 width_pt: contours.width_pt,
@@ -261,10 +284,16 @@ impl Making<'_> {
             Tint::Own => Some(label.color),
             Tint::Color(color) => Some(color),
         };
-        let visible = look.visible.unwrap_or(true);
         let function = look.transfer_function.as_ref().unwrap_or(&object.transfer_function);
+        let own = look.style.as_deref();
+        let is_veil = || function.nodes.iter().any(|node| theme::is_veil(own.unwrap_or(&node.style)));
+        let (style, tint) = match (self.theme, tint) {
+            (Some(theme), Some(color)) => theme.dress(color, is_veil()),
+            (_, tint) => (None, tint),
+        };
+        let visible = look.visible.unwrap_or(true);
         Ok(Look {
-            transfer_function: self.function(function, look.style.as_deref(), &look.shading.or(&object.shading))?,
+            transfer_function: self.function(function, style.or(own), &look.shading.or(&object.shading))?,
             tint: tint.map(|color| color.map(linear_from_srgb8)),
             opacity: if visible { look.opacity.unwrap_or(1.0) } else { 0.0 },
         })
@@ -411,6 +440,61 @@ mod tests {
 
     fn made(template: &Template, sources: &Sources) -> Scene {
         scene(template, sources, &StyleLibrary::embedded(), &Progress::new()).unwrap().0
+    }
+
+    #[test]
+    fn a_theme_changes_styles_page_lines_and_tints_and_nothing_is_left_of_it() {
+        let (template, sources) = figure();
+        let mut document = crate::figure::Document::new(template);
+        let own = made(document.figure(), &sources);
+        // All that is in it but voxels.
+        let facts = |scene: &Scene| {
+            let object = |o: &Object| {
+                let regions =
+                    o.regions.iter().map(|r| (r.name.clone(), r.look.clone(), r.moved.clone())).collect::<Vec<_>>();
+                format!("{:?} {regions:?} {:?} {}", o.transfer_function, o.lighting, o.gradient_scale_mm)
+            };
+            let objects: Vec<String> = scene.objects.iter().map(object).collect();
+            let styles: Vec<&str> = scene.styles.iter().map(|s| s.name.as_str()).collect();
+            format!("{:?} {objects:?} {styles:?} {:?} {:?}", scene.camera, scene.background, scene.quality)
+        };
+        let set = |document: &mut crate::figure::Document, name: Option<&str>| {
+            document.apply(crate::figure::Command::SetTheme(name.map(str::to_owned))).unwrap();
+        };
+        set(&mut document, Some("color_blind_safe"));
+        assert_eq!(document.undo_label(), Some("Use theme Color-blind safe"));
+        let themed = made(document.figure(), &sources);
+        let names = |scene: &Scene| scene.styles.iter().map(|style| style.name.clone()).collect::<Vec<_>>();
+        assert_eq!(
+            (names(&own), names(&themed)),
+            (vec!["wax".to_owned()], ["matte_yellow", "matte_vermilion", "matte_blue"].map(str::to_owned).to_vec())
+        );
+        assert_eq!(themed.background, scene::Background::Color([1.0; 3]));
+        let (was, is) = (&own.objects[0], &themed.objects[0]);
+        assert!(was.transfer_function.contours.is_none());
+        assert_eq!(is.transfer_function.contours.as_ref().unwrap().width_pt, 0.45);
+        assert_eq!(was.transfer_function.nodes, is.transfer_function.nodes);
+        let tints = |object: &Object| object.regions.iter().map(|r| r.look.tint).collect::<Vec<_>>();
+        assert_eq!(tints(was), [Some([1.0, 0.0, 0.0]), Some([0.0, 0.0, 1.0])]);
+        assert_eq!(tints(is), [None, None]);
+        let style = |i: usize| themed.styles[is.regions[i].look.transfer_function.nodes[0].style].name.as_str();
+        assert_eq!([style(0), style(1)], ["matte_vermilion", "matte_blue"]);
+        // What the object itself says of lines holds, and so does the view.
+        let mut ours = (**document.figure()).clone();
+        ours.objects[0].shading.contours = Some(crate::figure::template::ContoursTemplate::new(0.0));
+        assert!(made(&ours, &sources).objects[0].transfer_function.contours.is_none());
+        assert_eq!(themed.camera, own.camera);
+        // And back, one way and the other.
+        set(&mut document, None);
+        assert_eq!(facts(&made(document.figure(), &sources)), facts(&own));
+        set(&mut document, Some("xray"));
+        assert!(made(document.figure(), &sources).objects[0].regions.iter().all(|r| r.look.tint.is_none()));
+        assert!(document.undo() && facts(&made(document.figure(), &sources)) == facts(&own));
+        // A theme of somebody else's.
+        set(&mut document, Some("impasto"));
+        let (drawn, notes) = scene(document.figure(), &sources, &StyleLibrary::embedded(), &Progress::new()).unwrap();
+        assert!(facts(&drawn) == facts(&own) && notes.len() == 1, "{notes:?}");
+        assert!(notes[0].starts_with("there is no theme \"impasto\"") && notes[0].ends_with("without it"), "{notes:?}");
     }
 
     #[test]

@@ -10,6 +10,7 @@ use super::template::{
     QualityName, RegionTemplate, RestTemplate, Rgb, SelectionSlot, SelectionVoxels, ShadingTemplate, StructureTemplate,
     Template, TransferFunctionTemplate, VolumeSlot,
 };
+use super::theme;
 
 /// What has a look of its own in an object: a region, or a structure in a group.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -51,6 +52,8 @@ pub enum Command {
     SetProjection(ProjectionName),
     /// What lies behind.
     SetBackground(Background),
+    /// Other styles for all of the figure, by a theme's name; none: its own.
+    SetTheme(Option<String>),
     /// Size and resolution on the page.
     SetPage(Page),
     /// Accuracy of the export.
@@ -272,6 +275,11 @@ impl Command {
             Self::SetProjection(ProjectionName::Perspective) => "Use perspective".to_owned(),
             Self::SetProjection(ProjectionName::Orthographic) => "Use parallel projection".to_owned(),
             Self::SetBackground(_) => "Change background".to_owned(),
+            Self::SetTheme(None) => "Take theme away".to_owned(),
+            Self::SetTheme(Some(name)) => match theme::named(name) {
+                Ok(theme) => format!("Use theme {}", theme.title),
+                Err(_) => format!("Use theme {name}"),
+            },
             Self::SetPage(page) => format!("Change page to {} x {} mm", short(page.width_mm), short(page.height_mm)),
             Self::SetQuality(_) => "Change quality".to_owned(),
             Self::SetTransferFunction { .. } => "Replace transfer function".to_owned(),
@@ -406,6 +414,7 @@ impl Command {
             }
             Self::SetProjection(projection) => figure.camera.projection = projection,
             Self::SetBackground(background) => figure.background = background,
+            Self::SetTheme(name) => figure.theme = name,
             Self::SetPage(page) => figure.figure = page,
             Self::SetQuality(quality) => figure.quality = quality,
             Self::SetTransferFunction { of, function } => *function_of(figure, &of)? = function,

@@ -613,7 +613,7 @@ mod tests {
             let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
             let part = (self.below(2) == 0).then(|| Chosen { region: self.below(2), structure });
             let of = FunctionOf { object, part };
-            match self.below(28) {
+            match self.below(29) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
@@ -704,6 +704,7 @@ mod tests {
                 }
                 26 => Command::SetShading { object, shading: self.shading() },
                 27 => Command::SetLighting { object, lighting: (self.below(3) > 0).then(|| self.lighting()) },
+                28 => Command::SetTheme([None, Some("xray"), Some("unknown")][self.below(3)].map(str::to_owned)),
                 _ => Command::MoveNode { of, node, at: self.number(), opacity: self.number() },
             }
         }
@@ -740,6 +741,7 @@ mod tests {
             Command::SetSelections { .. } => 25,
             Command::SetShading { .. } => 26,
             Command::SetLighting { .. } => 27,
+            Command::SetTheme(_) => 28,
         }
     }
 
@@ -752,9 +754,9 @@ mod tests {
     #[test]
     fn a_random_walk_keeps_the_figure_whole_and_can_be_undone_to_its_first_byte() {
         let first = figure().to_json().unwrap();
-        let mut done = [0; 26];
+        let mut done = [0; 29];
         // Each kind that edits a function, on regions and on structures as well.
-        let mut done_on_parts = [0; 52];
+        let mut done_on_parts = [0; 58];
         for seed in 0..20 {
             let mut dice = Dice(seed);
             let mut document = Document::new(figure());

@@ -9,6 +9,7 @@ pub mod shipped;
 pub mod source;
 pub mod sources;
 pub mod template;
+pub mod theme;
 
 pub use command::Command;
 pub use document::Document;

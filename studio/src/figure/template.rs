@@ -51,6 +51,10 @@ pub struct Template {
     /// "transparent" or "#rrggbb".
     #[serde(default)]
     pub background: Background,
+    /// A theme (`fabrica styles` lists them): other styles for all that the objects name, on a page of its own color. Default:
+    /// none, all is as it says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub theme: Option<String>,
     /// The figure on the page.
     pub figure: Page,
     /// What is traded between speed and accuracy.

@@ -40,7 +40,7 @@ use super::volume_choice::VolumeChoice;
 use super::wording;
 use crate::figure::sources::Selections;
 use crate::figure::template::{SelectionSlot, VolumeSlot};
-use crate::figure::{Command, Document};
+use crate::figure::{self, Command, Document};
 
 /// With what a window begins.
 pub struct Options {
@@ -293,6 +293,8 @@ impl Editor {
             self.guarded(&ctx, Then::Quit);
         }
         self.autosave(&ctx);
+        let worn = self.open.as_ref().and_then(|open| figure::theme::of(open.document.figure()).ok().flatten());
+        self.gallery.set_theme(worn);
         let bar = egui::Frame::new().fill(theme::tokens(&ctx).panel).inner_margin(egui::Margin::symmetric(8, 2));
         Panel::top("menus").frame(bar).show(ui, |ui| self.menus(ui));
         Panel::bottom("status").frame(bar).show(ui, |ui| self.status(ui));

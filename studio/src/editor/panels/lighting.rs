@@ -63,10 +63,13 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure) {
     }
 }
 
+/// A number of a lighting.
+type Field = fn(&mut LightingTemplate) -> &mut f64;
+
 fn terms(ui: &mut Ui, open: &mut OpenFigure, lighting: &LightingTemplate) {
     let mut changed = lighting.clone();
     let object = open.object;
-    let rows: [(&str, &str, fn(&mut LightingTemplate) -> &mut f64, f64); 4] = [
+    let rows: [(&str, &str, Field, f64); 4] = [
         ("Ambient", "How much of the surface's color there is without any light", |l| &mut l.ambient, 0.005),
         ("Diffuse", "How much of the surface's color light brings out", |l| &mut l.diffuse, 0.005),
         ("Specular", "How much of the light itself is seen in highlights", |l| &mut l.specular, 0.005),

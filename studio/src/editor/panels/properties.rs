@@ -9,8 +9,9 @@ use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::super::ui_command::UiCommand;
 use super::{lighting, moves, noise, regions, shading};
-use crate::figure::Command;
 use crate::figure::template::{Background, Page, ProjectionName, QualityName, VolumeSlot};
+use crate::figure::theme::{self as figure_theme, Theme};
+use crate::figure::{Command, Template};
 
 /// Width of the labels.
 const LABEL: f32 = 104.0;
@@ -178,7 +179,11 @@ fn page(ui: &mut Ui, open: &mut OpenFigure) {
     }
     let pixels = [page.width_mm, page.height_mm].map(|mm| (mm / MM_PER_INCH * page.dpi).round());
     ui.label(theme::small(ui.ctx(), format!("{} x {} pixels when exported", pixels[0], pixels[1])));
-    background(ui, open, figure.background);
+    themes(ui, open, figure.theme.as_deref());
+    match theme_of_figure(&figure).and_then(|theme| theme.background) {
+        Some(of_theme) => background_of_theme(ui, of_theme),
+        None => background(ui, open, figure.background),
+    }
     row(ui, "Quality", "What is traded between speed and accuracy, here and in exports", |ui, label| {
         let names = [QualityName::Draft, QualityName::Standard, QualityName::Final];
         let text = |q: QualityName| match q {
@@ -194,6 +199,50 @@ fn page(ui: &mut Ui, open: &mut OpenFigure) {
             }
         });
         combo.response.accessible_name(label)
+    });
+}
+
+/// The theme, if there is one of the name that the figure says.
+fn theme_of_figure(figure: &Template) -> Option<&'static Theme> {
+    figure_theme::of(figure).ok().flatten()
+}
+
+fn themes(ui: &mut Ui, open: &mut OpenFigure, chosen: Option<&str>) {
+    let tooltip = "Other styles for all of the figure. Its own come back with None";
+    row(ui, "Theme", tooltip, |ui, label| {
+        let text = match chosen.map(|name| (name, figure_theme::named(name))) {
+            None => "None".to_owned(),
+            Some((_, Ok(theme))) => theme.title.clone(),
+            Some((name, Err(_))) => format!("{name} (unknown)"),
+        };
+        let combo = ComboBox::from_id_salt("theme").selected_text(text).height(400.0).show_ui(ui, |ui| {
+            if ui.selectable_label(chosen.is_none(), "None").on_hover_text("The figure's own styles").clicked()
+                && chosen.is_some()
+            {
+                open.edit(Command::SetTheme(None));
+            }
+            for theme in figure_theme::all() {
+                let is_chosen = chosen == Some(&theme.name);
+                let item = ui.selectable_label(is_chosen, &theme.title).on_hover_text(&theme.description);
+                if item.clicked() && !is_chosen {
+                    open.edit(Command::SetTheme(Some(theme.name.clone())));
+                }
+            }
+        });
+        combo.response.accessible_name(label)
+    });
+}
+
+/// What is seen in place of the figure's own background.
+fn background_of_theme(ui: &mut Ui, background: Background) {
+    let tooltip = "The theme's. The figure's own comes back with the theme None";
+    row(ui, "Background", tooltip, |ui, _| {
+        if let Background::Color(rgb) = background {
+            let (rect, _) = ui.allocate_exact_size(egui::Vec2::new(28.0, 14.0), egui::Sense::hover());
+            let [r, g, b] = rgb;
+            ui.painter().rect_filled(rect, 2.0, egui::Color32::from_rgb(r, g, b));
+        }
+        ui.label(theme::small(ui.ctx(), format!("{background}, of the theme"))).on_hover_text(tooltip);
     });
 }
 

@@ -99,7 +99,10 @@ fn cell(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, group: &str, name
     let text = short(&title, 11);
     ui.painter().text(Pos2::new(center.x, rect.bottom() - 4.0), Align2::CENTER_BOTTOM, text, font, tokens.dim);
     if !response.dragged() {
-        let described = gallery.library().info(name).map_or(String::new(), |i| i.description.clone());
+        let mut described = gallery.library().info(name).map_or(String::new(), |i| i.description.clone());
+        if gallery.drawn(name) != name {
+            described += &format!(" The theme draws it as {}.", gallery.title(gallery.drawn(name)));
+        }
         let how = match (open.node, open.chosen_region()) {
             (Some(_), _) => "Click dresses the chosen material; or drag it",
             (None, Some(_)) => "Click dresses the chosen region; or drag it",

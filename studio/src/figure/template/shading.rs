@@ -67,7 +67,7 @@ impl ShadingTemplate {
     }
 
     /// Checks what the types cannot; `whose` it is begins the sentence.
-    pub(super) fn check(&self, whose: &str) -> Result<()> {
+    pub(in crate::figure) fn check(&self, whose: &str) -> Result<()> {
         if let Some(width) = self.contours.as_ref().map(|c| c.width_pt).filter(|w| !(0.0..=MAX_CONTOUR_PT).contains(w))
         {
             bail!("{whose} has contours {width} points wide; give 0 to {MAX_CONTOUR_PT}");
