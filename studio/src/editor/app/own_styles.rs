@@ -50,6 +50,8 @@ impl Editor {
                 self.gallery.add(ctx, library, style.name());
                 self.layout.search.clear();
                 self.layout.fresh = Fresh { name: style.name().to_owned(), is_shown: false };
+                // The gallery, which is drawn before dialogs are, has it in the next frame.
+                ctx.request_repaint();
                 self.notice = Notice::now(format!("The style {} is among your own", style.name()));
             }
             Err(error) => {
