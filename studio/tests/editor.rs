@@ -459,7 +459,7 @@ fn a_ball_in_a_picture_becomes_a_style() {
     let green = vec![[0.0, 0.5, 0.1, 1.0]; 90 * 90];
     save_png(&place.path("moss.png"), 90, 90, &green, &PngOptions::default()).unwrap();
     let (files, styles) = (vec![place.path("figure.json")], place.path("styles"));
-    let app = move |ui: &mut Ui, state: &mut Option<Editor>| {
+    let app = move |ui: &mut eframe::egui::Ui, state: &mut Option<Editor>| {
         let ctx = ui.ctx().clone();
         let editor = state.get_or_insert_with(|| {
             let (files, styles_folder) = (files.clone(), Some(styles.clone()));

@@ -229,7 +229,7 @@ fn coarse_to_fine(texels: &[Option<[f32; 4]>], size: usize) -> Vec<[f32; 4]> {
     let coarse = coarse_to_fine(&coarse, half);
     let between = |i: usize| {
         let near = i / 2;
-        let far = if i % 2 == 0 { near.saturating_sub(1) } else { (near + 1).min(half - 1) };
+        let far = if i.is_multiple_of(2) { near.saturating_sub(1) } else { (near + 1).min(half - 1) };
         [(near, 0.75), (far, 0.25)]
     };
     (0..size * size)

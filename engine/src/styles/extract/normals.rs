@@ -169,10 +169,8 @@ fn merge(colors: &[([f64; 3], [f64; 4])], distance: f64) -> (Vec<Site>, Vec<Cont
             contradictions.push(Contradiction { pairs: [site.first, i], codes });
         }
         site.count += 1.0;
-        for c in 0..4 {
-            site.sum[c] += color[c];
-            site.color[c] = site.sum[c] / site.count;
-        }
+        site.sum = std::array::from_fn(|c| site.sum[c] + color[c]);
+        site.color = site.sum.map(|c| c / site.count);
     }
     (sites, contradictions)
 }
