@@ -5,6 +5,7 @@ pub mod color;
 pub mod error;
 pub mod estimate;
 pub mod gpu;
+pub mod image_in;
 pub mod image_out;
 pub mod measure;
 pub mod pass;

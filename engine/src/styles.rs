@@ -2,9 +2,11 @@
 //! Sloan et al. 2001). The studio shows them in its gallery; the renderer uploads each as one array layer with the
 //! mips made here, and the f64 reference reads the same floats.
 //!
-//! Files are square PNGs, straight-alpha sRGB, row 0 = up, the sphere touching the edges. They come from
+//! Files are square PNGs or JPEGs, straight-alpha sRGB, row 0 = up, the sphere touching the edges. They come from
 //! `styles/` (compiled in; made by `cargo run --release -p fabrica-engine --example make_styles`) and from a folder
-//! of the user's own.
+//! of the user's own, where [`extract`] makes some from artwork.
+
+pub mod extract;
 
 use std::collections::HashMap;
 use std::fs;
@@ -15,7 +17,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::color;
 use crate::error::{Error, Result};
-use crate::image_out::{self, Picture};
+use crate::image_in;
+use crate::image_out::Picture;
 
 /// Texels a side of every loaded style. All have the same, because they are layers of one texture array.
 pub const STYLE_SIZE: usize = 256;
@@ -328,13 +331,20 @@ pub struct StyleLibrary {
     decoded: Mutex<HashMap<String, Arc<StyleImage>>>,
 }
 
-#[derive(Debug)]
+impl Clone for StyleLibrary {
+    fn clone(&self) -> Self {
+        let decoded = self.decoded.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        Self { entries: self.entries.clone(), decoded: Mutex::new(decoded) }
+    }
+}
+
+#[derive(Clone, Debug)]
 struct Entry {
     info: StyleInfo,
     source: Source,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 enum Source {
     Embedded(&'static [u8]),
     File(PathBuf),
@@ -359,41 +369,50 @@ impl StyleLibrary {
         Self { entries, decoded: Mutex::default() }
     }
 
-    /// Adds the PNGs of a folder, by file stem, in alphabetical order; a name that is already there is replaced, in its
+    /// Adds the PNGs and JPEGs of a folder, by file stem, in alphabetical order; a name that is already there is replaced, in its
     /// place. The files are read when asked for, so a damaged one troubles only who uses it.
     ///
     /// # Errors
     /// [`Error::File`] if the folder cannot be listed.
-    pub fn with_folder(mut self, folder: &Path) -> Result<Self> {
+    pub fn with_folder(self, folder: &Path) -> Result<Self> {
         let io_error = |error: std::io::Error| Error::io(folder, &error);
         let mut paths = Vec::new();
         for entry in fs::read_dir(folder).map_err(io_error)? {
             let path = entry.map_err(io_error)?.path();
-            let is_png = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
             let is_hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-            if is_png && !is_hidden && path.is_file() {
+            if image_in::is_named_as_picture(&path) && !is_hidden && path.is_file() {
                 paths.push(path);
             }
         }
         paths.sort();
-        for path in paths {
-            let (Some(stem), Some(file)) = (path.file_stem(), path.file_name()) else { continue };
-            let name = stem.to_string_lossy().into_owned();
-            let info = StyleInfo {
-                name: name.clone(),
-                title: name.clone(),
-                description: format!("Your own style, from {}.", folder.display()),
-                tags: vec!["own".to_owned()],
-                file: file.to_string_lossy().into_owned(),
-            };
-            let entry = Entry { info, source: Source::File(path) };
-            self.decoded.get_mut().unwrap_or_else(PoisonError::into_inner).remove(&name);
-            match self.entries.iter_mut().find(|old| old.info.name == name) {
-                Some(old) => *old = entry,
-                None => self.entries.push(entry),
-            }
+        Ok(paths.iter().fold(self, |library, path| library.with_file(path)))
+    }
+
+    /// Adds one picture under its file's stem; a name that is already there is replaced, in its place. The file is read when asked
+    /// for.
+    pub fn with_file(mut self, path: &Path) -> Self {
+        let (Some(stem), Some(file)) = (path.file_stem(), path.file_name()) else { return self };
+        let name = stem.to_string_lossy().into_owned();
+        let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let info = StyleInfo {
+            name: name.clone(),
+            title: name.clone(),
+            description: format!("Your own style, from {}.", folder.display()),
+            tags: vec!["own".to_owned()],
+            file: file.to_string_lossy().into_owned(),
+        };
+        let entry = Entry { info, source: Source::File(path.to_owned()) };
+        self.decoded.get_mut().unwrap_or_else(PoisonError::into_inner).remove(&name);
+        match self.entries.iter_mut().find(|old| old.info.name == name) {
+            Some(old) => *old = entry,
+            None => self.entries.push(entry),
         }
-        Ok(self)
+        self
+    }
+
+    /// Whether a style of this name comes with the program.
+    pub fn is_embedded(name: &str) -> bool {
+        EMBEDDED.iter().any(|(known, _)| *known == name)
     }
 
     /// All names, in the gallery's order.
@@ -418,7 +437,7 @@ impl StyleLibrary {
     ///
     /// # Errors
     /// [`Error::Scene`] for an unknown name, with the names that come near; [`Error::File`] if the user's file cannot be
-    /// read or is not a square PNG of at least 16 pixels a side.
+    /// read or is not a square PNG or JPEG of at least 16 pixels a side.
     pub fn get(&self, name: &str) -> Result<Arc<StyleImage>> {
         let entry = self.entry(name)?;
         let decoded = || self.decoded.lock().unwrap_or_else(PoisonError::into_inner);
@@ -466,8 +485,29 @@ impl StyleLibrary {
     }
 }
 
+/// Whether a style can be called so: the name becomes that of a file on any system.
+///
+/// # Errors
+/// [`Error::Scene`] with what is wrong.
+pub fn check_name(name: &str) -> Result<()> {
+    const MOST: usize = 64;
+    let is_plain = |c: char| c.is_alphanumeric() || " _-+()'.".contains(c);
+    let ends_well = name.trim() == name && !name.starts_with('.') && !name.ends_with('.');
+    // Devices of Windows, which no file there can be called after, whatever follows the dot.
+    let stem = name.split('.').next().unwrap_or_default().to_ascii_lowercase();
+    let numbered = |s: &str| stem.strip_prefix(s).is_some_and(|n| n.len() == 1 && n != "0" && n.parse::<u8>().is_ok());
+    let is_device = ["con", "prn", "aux", "nul"].contains(&stem.as_str()) || numbered("com") || numbered("lpt");
+    if !name.is_empty() && name.chars().count() <= MOST && name.chars().all(is_plain) && ends_well && !is_device {
+        return Ok(());
+    }
+    Err(Error::scene(
+        format!("a style cannot be called \"{name}\""),
+        format!("choose a name of up to {MOST} letters, digits, spaces, - and _"),
+    ))
+}
+
 fn decode(name: &str, bytes: &[u8], path: &Path) -> Result<StyleImage> {
-    let picture = image_out::decode_png_straight(bytes, path)?;
+    let picture = image_in::decode_straight(bytes, path)?;
     StyleImage::from_straight(name, &picture).map_err(|error| match error {
         Error::Scene { what, remedy } => Error::file(path, what, remedy),
         other => other,
@@ -656,7 +696,7 @@ mod tests {
         let message = |name: &str| library.get(name).unwrap_err().to_string();
         assert!(message("wide").contains("64 × 32") && message("wide").ends_with("wide.png)"));
         assert!(message("tiny").contains("at least 16"));
-        assert!(message("broken").contains("not a whole PNG"));
+        assert!(message("broken").contains("neither a PNG nor a JPEG"));
         assert!(StyleLibrary::embedded().with_folder(&folder.path().join("none")).is_err());
     }
 

@@ -5,6 +5,9 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use fabrica_engine::image_out::{PngOptions, save_png};
+use fabrica_engine::styles::StyleLibrary;
+
 const TEMPLATE: &str = r#"{
   "fabrica": 1,
   "volumes": [{"name": "v", "file": "block.raw", "raw": "8x8x8xuint8"}],
@@ -35,6 +38,7 @@ impl Place {
             .args(arguments)
             .current_dir(self.folder.path())
             .env("FABRICA_CACHE", self.path("cache"))
+            .env("FABRICA_STATE", self.path("state"))
             // No test opens a window on somebody's desk.
             .env_remove("DISPLAY")
             .env_remove("WAYLAND_DISPLAY")
@@ -424,6 +428,52 @@ fn a_picture_stands_for_the_slices_beside_it() {
     let output = place.run(&["template", "slices/cut_02.png", "--out", "figure_of_slices.json"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(json_file(&place.path("figure_of_slices.json"))["volumes"][0]["file"], "slices");
+}
+
+#[test]
+fn a_ball_in_a_picture_becomes_a_style() {
+    let place = Place::new();
+    // Green in the light, in front of red.
+    let pixel = |i: u32| {
+        let (x, y) = (f64::from(i % 120) - 49.5, f64::from(i / 120) - 49.5);
+        let green = (0.5 - 0.01 * y) as f32;
+        if x.hypot(y) < 40.0 { [0.0, green, 0.0, 1.0] } else { [1.0, 0.0, 0.0, 1.0] }
+    };
+    let pixels: Vec<[f32; 4]> = (0..120 * 100).map(pixel).collect();
+    save_png(&place.path("ball.png"), 120, 100, &pixels, &PngOptions::default()).unwrap();
+    let extract = |arguments: &[&str]| place.run(&[&["styles", "extract", "ball.png"], arguments].concat());
+    let output = extract(&["--circle", "50,50,40", "--out", "moss.png", "--verbose"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && said.contains("extracting: "), "{said}");
+    let style = StyleLibrary::embedded().with_file(&place.path("moss.png")).get("moss").unwrap();
+    assert!(style.mips[0].iter().all(|t| t[0] < 1e-3 && t[3] > 0.999), "what is behind the ball has no say");
+    let green_at = |row: usize| style.mips[0][row * style.size + style.size / 2][1];
+    assert!(
+        (green_at(4) - 0.88).abs() < 0.03 && (green_at(127) - 0.5).abs() < 0.01,
+        "{} {}",
+        green_at(4),
+        green_at(127)
+    );
+    // By its name alone it is among the user's own, which every command knows.
+    assert!(extract(&["--circle", "50,50,40", "--name", "lichen", "--relight"]).status.success());
+    let listed = String::from_utf8(place.run(&["styles"]).stdout).unwrap();
+    assert!(listed.contains("\nlichen  "), "{listed}");
+    for (arguments, code, words) in [
+        (&["--circle", "50,50,1", "--out", "x.png"][..], 1, "too small for a style"),
+        (&["--circle", "-900,50,40", "--out", "x.png"], 1, "wholly off the picture of 120 × 100 pixels"),
+        (&["--circle", "50,50,40", "--out", "x.png", "--desaturate", "nan"], 1, "give a number from 0 to 1"),
+        (&["--circle", "50,50,40", "--name", "bone"], 2, "is a built-in style"),
+        (&["--circle", "50,50,40", "--name", "../x", "--out", "."], 2, "cannot be called"),
+        (&["--circle", "50,50,40"], 2, "--name"),
+        (&["--normals", "50,50,0,0", "--out", "x.png"], 1, "1 different normals are too few"),
+        (&["--normals", "none.json", "--out", "x.png"], 1, "no such file"),
+        (&["--normals", "50,50", "--out", "x.png"], 2, "neither a JSON file nor four numbers"),
+    ] {
+        let output = extract(arguments);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(code) && said.contains(words), "{arguments:?}: {said}");
+        assert!(!place.path("x.png").exists());
+    }
 }
 
 #[test]

@@ -12,6 +12,7 @@ use eframe::egui::{
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT as _, Queryable as _};
 use fabrica_engine::gpu::AdapterChoice;
+use fabrica_engine::image_out::{PngOptions, save_png};
 use fabrica_engine::slice::anatomical::{Convention, Orientation};
 use fabrica_studio::editor::slices::SliceViews;
 use fabrica_studio::editor::{Editor, Options, UiCommand};
@@ -485,6 +486,72 @@ fn numbers_are_typed_with_their_units() {
     enter(&mut harness, "2,5 mm");
     assert_eq!(figure(&harness).objects[0].gradient_scale_mm, Some(2.5));
     assert_eq!(labels(&harness).len(), 3);
+}
+
+#[test]
+fn a_ball_in_a_picture_becomes_a_style() {
+    let place = Place::with_ball();
+    let green = vec![[0.0, 0.5, 0.1, 1.0]; 90 * 90];
+    save_png(&place.path("moss.png"), 90, 90, &green, &PngOptions::default()).unwrap();
+    let (files, styles) = (vec![place.path("figure.json")], place.path("styles"));
+    let app = move |ui: &mut eframe::egui::Ui, state: &mut Option<Editor>| {
+        let ctx = ui.ctx().clone();
+        let editor = state.get_or_insert_with(|| {
+            let (files, styles_folder) = (files.clone(), Some(styles.clone()));
+            Editor::new(&ctx, Options { files, styles_folder, ..Options::plain(AdapterChoice::Software) })
+        });
+        editor.ui(ui);
+    };
+    let mut harness =
+        Harness::builder().with_size(Vec2::new(1000.0, 700.0)).with_step_dt(STEP).build_ui_state(app, None);
+    settle(&mut harness);
+    let picture = place.path("moss.png").display().to_string();
+    let open = |harness: &mut Window, path: &str| {
+        run(harness, UiCommand::StyleFromPicture);
+        harness.step();
+        enter(harness, path);
+        settle(harness);
+    };
+    open(&mut harness, &place.path("figure.json").display().to_string());
+    assert!(editor(&harness).banner().unwrap().starts_with("This is neither a PNG nor a JPEG"));
+    open(&mut harness, &picture);
+    // A circle of 31 pixels is blurred; drawn by hand it is larger.
+    assert!(harness.query_by_label_contains("Blurred").is_some());
+    let canvas = harness.get_by_label("Circle around a ball").rect();
+    let rim = canvas.center() + Vec2::new(0.0, canvas.height() * 31.5 / 90.0);
+    drag_from(&mut harness, rim, rim + Vec2::new(0.0, canvas.height() * 10.0 / 90.0));
+    assert!(harness.query_by_label_contains("Blurred").is_none());
+    click_on(&mut harness, "Name");
+    retype(&mut harness, "bone");
+    harness.step();
+    assert!(harness.query_by_label_contains("There is a style \"bone\"").is_some());
+    retype(&mut harness, "Wet moss");
+    let start = Instant::now();
+    while !place.path("styles/Wet moss.png").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60), "the style is not made");
+        std::thread::sleep(Duration::from_millis(5));
+        harness.step();
+        if harness.query_by_label("Save style").is_some() {
+            click_on(&mut harness, "Save style");
+        }
+    }
+    harness.step();
+    // It dresses at once, and undo takes it off.
+    click_on(&mut harness, "Node 4 at 180");
+    harness.step();
+    harness.step();
+    click_on(&mut harness, "Style Wet moss");
+    assert_eq!(nodes(&harness)[3].1, "Wet moss");
+    settle(&mut harness);
+    let middle = |harness: &Window| {
+        let (pixels, [width, height]) = editor(harness).picture_pixels().unwrap();
+        let at = 4 * (height / 2 * width + width / 2);
+        [pixels[at], pixels[at + 1], pixels[at + 2]]
+    };
+    let [red, green, blue] = middle(&harness);
+    assert!(green > 2 * red && green > blue, "{red} {green} {blue}");
+    run(&mut harness, UiCommand::Undo);
+    assert_eq!(nodes(&harness)[3].1, "bone");
 }
 
 #[test]

@@ -16,7 +16,7 @@ pub struct Arguments {
     /// software, hardware, or a part of an adapter's name (see `fabrica adapters`): what draws the figure.
     #[arg(long, value_name = "NAME", default_value = "auto")]
     adapter: AdapterChoice,
-    /// A folder of lit-sphere pictures (square PNGs), used beside the built-in styles.
+    /// A folder of lit-sphere pictures (square PNGs or JPEGs), used beside the built-in styles.
     #[arg(long, value_name = "DIR")]
     styles: Option<PathBuf>,
     /// At the end, write how fast the window was (JSON).
@@ -27,11 +27,13 @@ pub struct Arguments {
 /// Opens the window.
 pub fn run(arguments: Arguments) -> Result<()> {
     let begun = Instant::now();
+    let session = Session::open(Session::default_folder());
     open_window(Options {
         adapter: arguments.adapter,
         files: arguments.files,
         styles: super::styles::library(arguments.styles.as_ref())?,
-        session: Session::open(Session::default_folder()),
+        styles_folder: arguments.styles.or_else(|| session.styles_folder()),
+        session,
         system_dialogs: true,
         timings: arguments.timings.map(|path| (path, begun)),
     })

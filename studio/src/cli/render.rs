@@ -50,7 +50,7 @@ pub struct Arguments {
     /// software, hardware, or a part of an adapter's name (see `fabrica adapters`).
     #[arg(long, value_name = "NAME", default_value = "auto")]
     adapter: AdapterChoice,
-    /// A folder of lit-sphere pictures (square PNGs), used beside the built-in styles.
+    /// A folder of lit-sphere pictures (square PNGs or JPEGs), used beside the built-in styles.
     #[arg(long, value_name = "DIR")]
     styles: Option<PathBuf>,
     /// The PNG file to write.

@@ -1,4 +1,6 @@
-//! `fabrica styles`.
+//! `fabrica styles`: what there is, and styles from artwork.
+
+mod extract;
 
 use std::path::PathBuf;
 
@@ -7,9 +9,14 @@ use fabrica_engine::styles::StyleLibrary;
 
 use crate::figure::theme;
 
+use crate::editor::session::Session;
+
 #[derive(clap::Args, Debug)]
+#[command(args_conflicts_with_subcommands = true)]
 pub struct Arguments {
-    /// A folder of lit-sphere pictures (square PNGs) to list as well.
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// A folder of lit-sphere pictures (square PNGs or JPEGs) to list as well.
     #[arg(long, value_name = "DIR")]
     styles: Option<PathBuf>,
     /// Print JSON.
@@ -17,17 +24,39 @@ pub struct Arguments {
     json: bool,
 }
 
-/// The built-in styles, and those of a folder if one is named.
+#[derive(clap::Subcommand, Debug)]
+enum Command {
+    /// Make a style of a ball in a picture (PNG or JPEG), or of places whose normal is known.
+    Extract(extract::Arguments),
+}
+
+/// The built-in styles, those of the user's folder, and those of a folder if one is named; later ones take the place of earlier ones
+/// of the same name.
 pub fn library(folder: Option<&PathBuf>) -> Result<StyleLibrary> {
-    let embedded = StyleLibrary::embedded();
+    let mut library = StyleLibrary::embedded();
+    if let Some(own) = own_folder().filter(|own| own.is_dir()) {
+        // What the user did not name must not keep anything from being drawn.
+        match library.clone().with_folder(&own) {
+            Ok(with_own) => library = with_own,
+            Err(error) => say!("warning: your own styles are left out: {error}"),
+        }
+    }
     Ok(match folder {
-        Some(folder) => embedded.with_folder(folder)?,
-        None => embedded,
+        Some(folder) => library.with_folder(folder)?,
+        None => library,
     })
 }
 
-/// Lists names and descriptions of styles and themes.
+/// Where styles are kept that the program made for the user.
+pub fn own_folder() -> Option<PathBuf> {
+    Session::open(Session::default_folder()).styles_folder()
+}
+
+/// Lists names and descriptions of styles and themes, or makes a style.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(Command::Extract(arguments)) = &arguments.command {
+        return extract::run(arguments);
+    }
     let library = library(arguments.styles.as_ref())?;
     if arguments.json {
         let listed = serde_json::json!({"styles": library.infos().collect::<Vec<_>>(), "themes": theme::all()});

@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::{self, Context, Key, Modal, Ui};
+use fabrica_engine::image_in;
 
 use super::file_dialog::Purpose;
+use super::style_from_picture::StyleFromPicture;
 use super::theme;
 use super::ui_command::UiCommand;
 use super::volume_choice::VolumeChoice;
@@ -19,6 +21,8 @@ pub enum Dialog {
     Unsaved(Then),
     /// Files were dropped on a figure; whether they can be selections of what it shows.
     Dropped(Vec<PathBuf>, bool),
+    /// The style of a ball in a picture.
+    Style(Box<StyleFromPicture>),
     /// How a volume shall be read.
     Volume(Box<VolumeChoice>),
     /// The palette with what is typed, and which of the commands found is chosen.
@@ -44,22 +48,26 @@ pub enum Choice {
     Other,
     /// Dropped files are selections.
     Selections,
+    /// A dropped picture has a style in it.
+    Style,
     /// Nothing happens.
     Cancel,
     /// The palette's command.
     Run(UiCommand),
 }
 
-/// Shows a dialog; how it ended, if it did. `disabled` says why a command cannot be run.
+/// Shows a dialog; how it ended, if it did. `disabled` says why a command cannot be run, `is_style` whether there is a style of a
+/// name.
 pub fn show(
     ctx: &Context,
     dialog: &mut Dialog,
     disabled: impl Fn(UiCommand) -> Option<&'static str>,
+    is_style: impl Fn(&str) -> bool,
 ) -> Option<Choice> {
     let mut chosen = None;
     let frame = egui::Frame::popup(&ctx.global_style()).inner_margin(20).corner_radius(8);
     let modal = Modal::new(egui::Id::unique("dialog")).frame(frame).show(ctx, |ui| {
-        ui.set_width(440.0);
+        ui.set_width(if matches!(dialog, Dialog::Style(_)) { 660.0 } else { 440.0 });
         chosen = match dialog {
             Dialog::Path(purpose, text) => path(ui, *purpose, text),
             Dialog::Unsaved(_) => {
@@ -67,6 +75,7 @@ pub fn show(
                 question(ui, "Save the changes first?", "Without saving, they are lost.", buttons)
             }
             Dialog::Dropped(paths, has_volume) => dropped(ui, paths, *has_volume),
+            Dialog::Style(style) => style.show(ui, &is_style),
             Dialog::Volume(choice) => choice.show(ui),
             Dialog::Palette(text, chosen) => palette(ui, text, chosen, &disabled),
         };
@@ -90,6 +99,11 @@ fn dropped(ui: &mut Ui, paths: &[PathBuf], has_volume: bool) -> Option<Choice> {
     let volume = ("Use in this figure", Choice::Accept);
     let selections = ("Use as selections", Choice::Selections);
     let itself = ("Open by itself", Choice::Other);
+    if paths.iter().all(|path| image_in::is_named_as_picture(path)) {
+        let text = format!("{names}: a ball in it can become a style, or it can be a slice of a volume.");
+        let style = ("Make a style of it", Choice::Style);
+        return question(ui, "What is this picture?", &text, [style, volume, itself]);
+    }
     if !has_volume {
         let text = format!("{names}: it can take the place of the figure's own volume, or be opened by itself.");
         return question(ui, "Use this volume in the figure?", &text, [volume, itself]);
@@ -139,6 +153,7 @@ fn path(ui: &mut Ui, purpose: Purpose, text: &mut String) -> Option<Choice> {
     let (title, verb) = match purpose {
         Purpose::Open => ("Open a volume or a figure", "Open"),
         Purpose::OpenFolder => ("Open a folder that holds a volume", "Open"),
+        Purpose::Picture => ("Make a style of a ball in a picture", "Open"),
         Purpose::Save => ("Save the figure as", "Save"),
         Purpose::Volume(_) => ("Use another volume in this figure", "Use"),
         Purpose::OtherSelections(_) | Purpose::OtherMasks(_) => {

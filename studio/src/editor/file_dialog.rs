@@ -6,7 +6,7 @@ use std::pin::Pin;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-use fabrica_engine::read;
+use fabrica_engine::{image_in, read};
 
 /// Nobody closes a dialog as fast as this: there was none (no portal, no zenity). The library does not tell the two apart.
 const NOBODY: Duration = Duration::from_millis(1000);
@@ -21,6 +21,8 @@ pub enum Purpose {
     Open,
     /// A folder with a volume.
     OpenFolder,
+    /// A picture with a ball, for a style.
+    Picture,
     /// Where to save the figure.
     Save,
     /// A volume for a slot of the figure.
@@ -75,6 +77,10 @@ impl FileDialog {
             }
             Purpose::Selections | Purpose::OtherSelections(_) => {
                 Box::pin(dialog.add_filter("Label maps", &volumes).add_filter("All files", &["*"]).pick_file())
+            }
+            Purpose::Picture => {
+                let dialog = dialog.add_filter("Pictures", &image_in::EXTENSIONS);
+                Box::pin(dialog.add_filter("All files", &["*"]).pick_file())
             }
             Purpose::OpenFolder | Purpose::Masks | Purpose::OtherMasks(_) => Box::pin(dialog.pick_folder()),
             Purpose::Save => {

@@ -34,19 +34,17 @@ pub struct Gallery {
 impl Gallery {
     /// Begins to make the pictures; [`Gallery::poll`] takes them in.
     pub fn start(ctx: &Context, library: Arc<StyleLibrary>) -> Self {
-        let (sender, made) = channel();
-        let (theirs, wake) = (library.clone(), ctx.clone());
-        std::thread::spawn(move || {
-            for info in theirs.infos() {
-                // A damaged file of the user's has no picture; using it says what is wrong.
-                let Ok(style) = theirs.get(&info.name) else { continue };
-                if sender.send((info.name.clone(), picture(&style), mean(&style))).is_err() {
-                    return;
-                }
-                wake.request_repaint();
-            }
-        });
+        let made = make(ctx, library.clone(), None);
         Self { library, theme: None, spheres: HashMap::new(), made }
+    }
+
+    /// Goes on with another library, which has a new style of this name.
+    pub fn add(&mut self, ctx: &Context, library: Arc<StyleLibrary>, name: &str) {
+        self.poll(ctx);
+        // Those that were still to come are made again.
+        let is_whole = library.infos().all(|i| i.name == name || self.spheres.contains_key(&i.name));
+        self.made = make(ctx, library.clone(), is_whole.then(|| name.to_owned()));
+        self.library = library;
     }
 
     /// Takes in what has been made since the last time.
@@ -94,6 +92,23 @@ impl Gallery {
     }
 }
 
+/// The pictures of a library, or of one of its styles, one by one.
+fn make(ctx: &Context, library: Arc<StyleLibrary>, only: Option<String>) -> Receiver<(String, ColorImage, Color32)> {
+    let (sender, made) = channel();
+    let wake = ctx.clone();
+    std::thread::spawn(move || {
+        for info in library.infos().filter(|info| only.as_ref().is_none_or(|name| *name == info.name)) {
+            // A damaged file of the user's has no picture; using it says what is wrong.
+            let Ok(style) = library.get(&info.name) else { continue };
+            if sender.send((info.name.clone(), picture(&style, LEVEL), mean(&style))).is_err() {
+                return;
+            }
+            wake.request_repaint();
+        }
+    });
+    made
+}
+
 /// A premultiplied linear pixel as egui's textures have it, of which `coverage` is left.
 pub fn straight(pixel: [f32; 4], coverage: f32) -> Color32 {
     let alpha = pixel[3].max(1e-6);
@@ -101,9 +116,9 @@ pub fn straight(pixel: [f32; 4], coverage: f32) -> Color32 {
     Color32::from_rgba_unmultiplied(r, g, b, (255.0 * pixel[3] * coverage).round() as u8)
 }
 
-/// The sphere on nothing, its edge antialiased.
-fn picture(style: &StyleImage) -> ColorImage {
-    let level = LEVEL.min(style.mips.len() - 1);
+/// The sphere on nothing, its edge antialiased, at a mip level.
+pub fn picture(style: &StyleImage, level: usize) -> ColorImage {
+    let level = level.min(style.mips.len() - 1);
     let size = style.size >> level;
     let middle = 0.5 * (size as f32 - 1.0);
     let pixels = style.mips[level].iter().enumerate().map(|(i, pixel)| {

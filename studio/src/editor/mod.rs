@@ -15,6 +15,7 @@ pub mod panels;
 pub mod recovery;
 pub mod session;
 pub mod slices;
+mod style_from_picture;
 pub mod theme;
 pub mod timings;
 pub mod tools;

@@ -108,6 +108,8 @@ pub enum Update {
 
 #[derive(Default)]
 struct Desk {
+    /// What figures can be dressed in.
+    styles: Arc<StyleLibrary>,
     /// The last request that nobody has begun yet.
     request: Option<(u64, Request)>,
     /// Cancels what is being drawn.
@@ -194,7 +196,7 @@ impl Pace {
 impl Painter {
     /// Starts the thread; `wake` is called, there, whenever there is an update.
     pub fn start(choice: AdapterChoice, styles: Arc<StyleLibrary>, wake: impl Fn() + Send + 'static) -> Self {
-        let desk = Arc::new((Mutex::new(Desk::default()), Condvar::new()));
+        let desk = Arc::new((Mutex::new(Desk { styles, ..Desk::default() }), Condvar::new()));
         let (sender, updates) = channel();
         let theirs = desk.clone();
         let thread = std::thread::spawn(move || {
@@ -203,7 +205,7 @@ impl Painter {
                 let _ = sender.send(update);
                 wake();
             };
-            paint(&theirs, &choice, &styles, &tell);
+            paint(&theirs, &choice, &tell);
         });
         Self { desk, updates, thread: Some(thread) }
     }
@@ -223,6 +225,11 @@ impl Painter {
         }
         bell.notify_one();
         number
+    }
+
+    /// What is asked for from now on may be dressed in these.
+    pub fn set_styles(&self, styles: Arc<StyleLibrary>) {
+        self.desk.0.lock().unwrap_or_else(PoisonError::into_inner).styles = styles;
     }
 
     /// Gives up what is being drawn.
@@ -260,11 +267,11 @@ impl Drop for Painter {
     }
 }
 
-fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, styles: &StyleLibrary, tell: &dyn Fn(Update)) {
+fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, tell: &dyn Fn(Update)) {
     let mut renderer: Option<Renderer> = None;
     let mut pace = Pace { stride: 4, step: STEPS.0, tile: 128 };
     loop {
-        let (number, request, progress) = {
+        let (number, request, styles, progress) = {
             let (lock, bell) = desk;
             let mut desk = lock.lock().unwrap_or_else(PoisonError::into_inner);
             loop {
@@ -281,7 +288,7 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, styles: &StyleLi
                     {
                         renderer.context().device.destroy();
                     }
-                    break (number, request, progress);
+                    break (number, request, desk.styles.clone(), progress);
                 }
                 desk.current = None;
                 desk.volumes.clear();
@@ -303,7 +310,7 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, styles: &StyleLi
         let mut once = |renderer: &mut Option<Renderer>| {
             let work = AssertUnwindSafe(|| {
                 open(renderer, choice, tell)
-                    .and_then(|renderer| draw(renderer, number, &request, styles, &mut pace, &progress, &tell_drawn))
+                    .and_then(|renderer| draw(renderer, number, &request, &styles, &mut pace, &progress, &tell_drawn))
             });
             // wgpu's helpers panic where a device is lost between two calls. The window must not lose its painter by that.
             std::panic::catch_unwind(work).unwrap_or_else(|_| {

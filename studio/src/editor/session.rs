@@ -99,6 +99,11 @@ impl Session {
         self.folder.as_deref()
     }
 
+    /// Where styles are kept that were made of pictures; it need not exist yet.
+    pub fn styles_folder(&self) -> Option<PathBuf> {
+        Some(self.folder()?.join("styles"))
+    }
+
     /// The settings as they were left; as they are made where there are none, or none that can be read.
     pub fn settings(&self) -> Settings {
         let text = self.folder().and_then(|folder| fs::read_to_string(folder.join(SETTINGS)).ok());

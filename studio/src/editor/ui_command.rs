@@ -26,6 +26,7 @@ pub enum UiCommand {
     PutBack,
     InsertNode,
     RemoveNode,
+    StyleFromPicture,
     GrowSelection,
     ShrinkSelection,
     SmoothSelection,
@@ -92,6 +93,7 @@ impl UiCommand {
         C::PutBack,
         C::InsertNode,
         C::RemoveNode,
+        C::StyleFromPicture,
         C::GrowSelection,
         C::ShrinkSelection,
         C::SmoothSelection,
@@ -141,9 +143,14 @@ impl UiCommand {
                 "File"
             }
             C::Undo | C::Redo | C::History | C::Palette => "Edit",
-            C::AddSelections | C::AddMasks | C::Rename | C::ShowHide | C::PutBack | C::InsertNode | C::RemoveNode => {
-                "Object"
-            }
+            C::AddSelections
+            | C::AddMasks
+            | C::Rename
+            | C::ShowHide
+            | C::PutBack
+            | C::InsertNode
+            | C::RemoveNode
+            | C::StyleFromPicture => "Object",
             C::GrowSelection
             | C::ShrinkSelection
             | C::SmoothSelection
@@ -184,6 +191,7 @@ impl UiCommand {
             C::PutBack => "Put region back",
             C::InsertNode => "Insert node",
             C::RemoveNode => "Remove node",
+            C::StyleFromPicture => "Style from picture…",
             C::GrowSelection => "Grow selection",
             C::ShrinkSelection => "Shrink selection",
             C::SmoothSelection => "Smooth selection",
@@ -249,6 +257,7 @@ impl UiCommand {
             C::PutBack => "What was moved of the chosen region goes to where it was found",
             C::InsertNode => "After the chosen node, half way to the next one; the picture stays as it is",
             C::RemoveNode => "Takes the chosen node out of the transfer function",
+            C::StyleFromPicture => "A ball in a painting or photograph becomes a style of your own",
             C::GrowSelection => "Its surface goes outward, by as much as the tools' bar says",
             C::ShrinkSelection => "Its surface goes inward, by as much as the tools' bar says",
             C::SmoothSelection => {

@@ -188,6 +188,7 @@ impl Editor {
                     self.tools.refine(ctx, command, open);
                 }
             }
+            C::StyleFromPicture => self.ask_for_path(ctx, Purpose::Picture),
             C::HistogramScale => self.layout.function.logarithmic = !self.layout.function.logarithmic,
             C::Rename => {
                 self.layout.hides_panels = false;
@@ -274,6 +275,7 @@ impl Editor {
             Purpose::Save => {
                 self.save_to(ctx, &dialogs::saved_as(&path));
             }
+            Purpose::Picture => self.read_picture(ctx, &path),
             Purpose::Volume(slot) => self.fill(ctx, slot, &path),
             Purpose::Selections | Purpose::Masks => self.add_selections(ctx, &path),
             Purpose::OtherSelections(slot) | Purpose::OtherMasks(slot) => self.use_selections(ctx, slot, &path),
@@ -339,7 +341,12 @@ impl Editor {
 
     pub(super) fn dialogs(&mut self, ctx: &Context) {
         let Some(mut dialog) = self.dialog.take() else { return };
-        let chosen = dialogs::show(ctx, &mut dialog, |command| self.disabled(command));
+        let chosen = dialogs::show(
+            ctx,
+            &mut dialog,
+            |command| self.disabled(command),
+            |name| self.gallery.library().info(name).is_ok(),
+        );
         match (chosen, dialog) {
             (None, dialog) => self.dialog = Some(dialog),
             (Some(Choice::Cancel), _) => self.after_saving = None,
@@ -358,12 +365,18 @@ impl Editor {
                     self.add_selections(ctx, path);
                 }
             }
+            (Some(Choice::Style), Dialog::Dropped(paths, _)) => {
+                if let Some(path) = paths.first() {
+                    self.read_picture(ctx, path);
+                }
+            }
             (Some(Choice::Other), Dialog::Dropped(paths, _)) => self.guarded(ctx, Then::Open(paths)),
             (Some(_), Dialog::Dropped(paths, _)) => {
                 if let Some(path) = paths.first() {
                     self.fill(ctx, 0, path);
                 }
             }
+            (Some(_), Dialog::Style(style)) => self.save_style(ctx, style),
             (Some(_), Dialog::Volume(choice)) => self.volume_chosen(ctx, choice),
             (Some(_), Dialog::Palette(..)) => {}
         }

@@ -4,6 +4,7 @@
 mod chrome;
 mod commands;
 mod opening;
+mod own_styles;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -12,6 +13,7 @@ use std::time::Instant;
 
 use eframe::egui::{self, CentralPanel, Context, Key, Panel, Ui, UiBuilder, ViewportCommand};
 use fabrica_engine::gpu::AdapterChoice;
+use fabrica_engine::image_in;
 use fabrica_engine::read::limits::Limits;
 use fabrica_engine::slice::anatomical::Convention;
 use fabrica_engine::styles::StyleLibrary;
@@ -31,6 +33,7 @@ use super::panels::{history, objects, properties, styles};
 use super::recovery::Orphan;
 use super::session::{Recent, Session, Settings};
 use super::slices::SliceViews;
+use super::style_from_picture::StyleFromPicture;
 use super::theme;
 use super::timings::Timings;
 use super::tools::{self, Tools, View};
@@ -50,6 +53,8 @@ pub struct Options {
     pub files: Vec<PathBuf>,
     /// The styles that can be used.
     pub styles: StyleLibrary,
+    /// Where styles go that are made of pictures, if anywhere.
+    pub styles_folder: Option<PathBuf>,
     /// What outlives the window.
     pub session: Session,
     /// Whether the system's file dialogs are used; without them paths are typed.
@@ -65,6 +70,7 @@ impl Options {
             adapter,
             files: Vec::new(),
             styles: StyleLibrary::embedded(),
+            styles_folder: None,
             session: Session::open(None),
             system_dialogs: false,
             timings: None,
@@ -77,6 +83,7 @@ impl Options {
 struct Layout {
     function: FunctionView,
     search: String,
+    fresh: styles::Fresh,
     renaming: Option<(usize, String)>,
     hides_panels: bool,
     shows_history: bool,
@@ -93,6 +100,7 @@ type Selecting = (Job<Arc<Selections>>, SelectionSlot, Arc<Volume>, Option<Comma
 pub struct Editor {
     painter: Painter,
     gallery: Gallery,
+    styles_folder: Option<PathBuf>,
     session: Session,
     adapter: String,
     /// What a volume may take: what the adapter says, once it is open, and what is free.
@@ -112,6 +120,8 @@ pub struct Editor {
     searching: Option<(Job<Vec<PathBuf>>, usize)>,
     /// A file that is looked at, to ask how it shall be read.
     asking: Option<Job<VolumeChoice>>,
+    /// A picture on its way into the dialog that makes a style of it.
+    picturing: Option<Job<StyleFromPicture>>,
     /// How a volume is just read, as it was answered: asked again if that fails.
     answered: Option<Box<VolumeChoice>>,
     /// A slot whose volume could not be read, and why; it is not tried again by itself.
@@ -147,6 +157,7 @@ impl Editor {
             noting: None,
             painter: Painter::start(options.adapter, styles.clone(), waker(ctx)),
             gallery: Gallery::start(ctx, styles),
+            styles_folder: options.styles_folder,
             recents: options.session.recents(),
             orphans: options.session.recoverable(),
             session: options.session,
@@ -168,6 +179,7 @@ impl Editor {
             selecting: None,
             searching: None,
             asking: None,
+            picturing: None,
             answered: None,
             missing: None,
             missed: Vec::new(),
@@ -197,6 +209,7 @@ impl Editor {
             || self.filling.is_some()
             || self.searching.is_some()
             || self.asking.is_some()
+            || self.picturing.is_some()
             || self.tools.is_busy();
         let drawn = matches!(self.viewport.picture.stage, Some(Stage::Refined { .. } | Stage::Failed | Stage::Stopped));
         waits || self.open.as_ref().is_some_and(|open| open.missing().is_none() && !drawn)
@@ -252,6 +265,7 @@ impl Editor {
             }
         }
         self.poll_volumes(ctx);
+        self.poll_picture();
         let updates: Vec<Update> = self.painter.updates().collect();
         for update in updates {
             match update {
@@ -373,6 +387,14 @@ impl Editor {
         if paths.is_empty() {
             return;
         }
+        // No volume is a JPEG.
+        if let ([path], Some(_)) = (&paths[..], &self.open)
+            && image_in::is_named_as_picture(path)
+            && !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
+        {
+            self.read_picture(ctx, path);
+            return;
+        }
         // A volume on an open figure may be meant for it.
         if self.open.is_some() && paths.len() == 1 && !paths.iter().any(|p| files::is_template(p)) {
             let has_volume = self.open.as_ref().is_some_and(|open| open.chosen_volume().is_some());
@@ -430,7 +452,12 @@ impl Editor {
                         .frame(egui::Frame::new().inner_margin(egui::Margin { left: 12, ..Default::default() }))
                         .default_size(290.0)
                         .size_range(120.0..=share(ui.available_width(), 520.0))
-                        .show(ui, |ui| styles::show(ui, open, &self.gallery, &mut self.layout.search));
+                        .show(ui, |ui| {
+                            let (search, fresh) = (&mut self.layout.search, &mut self.layout.fresh);
+                            if styles::show(ui, open, &self.gallery, search, fresh) {
+                                pressed = Some(UiCommand::StyleFromPicture);
+                            }
+                        });
                     CentralPanel::default().frame(egui::Frame::new()).show(ui, |ui| {
                         transfer_function::show(ui, open, &self.gallery, &mut self.layout.function);
                     });

@@ -5,19 +5,36 @@ use eframe::egui::{self, Align2, FontId, Id, LayerId, Order, Pos2, Role, ScrollA
 use super::super::gallery::{DraggedStyle, Gallery};
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
+use super::super::ui_command::UiCommand;
 use super::curve::dress_material;
 use super::regions::dress;
 
 /// A cell: a sphere with its name below.
 const CELL: Vec2 = Vec2::new(66.0, 62.0);
 const SPHERE: f32 = 19.0;
+/// The second group.
+const ALL: &str = "All styles";
 
-/// The panel. `search` is what is typed into its field.
-pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut String) {
+/// A style that was just made, until another one is taken.
+#[derive(Clone, Debug, Default)]
+pub struct Fresh {
+    /// Its name; none: there is no such style.
+    pub name: String,
+    /// Whether it was brought into view.
+    pub is_shown: bool,
+}
+
+/// The panel. `search` is what is typed into its field. Whether a style shall be made of a picture.
+pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut String, fresh: &mut Fresh) -> bool {
+    let mut wanted_new = false;
     ui.horizontal(|ui| {
         ui.label(theme::heading("Styles"));
-        let field = theme::text_field(search).hint_text("Find a style").desired_width(f32::INFINITY);
-        ui.add(field).accessible_name("Find a style");
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let command = UiCommand::StyleFromPicture;
+            wanted_new = ui.button("From picture…").on_hover_text(command.tooltip()).clicked();
+            let field = theme::text_field(search).hint_text("Find a style").desired_width(f32::INFINITY);
+            ui.add(field).accessible_name("Find a style");
+        });
     });
     let wanted = search.to_lowercase();
     let mut used: Vec<String> = Vec::new();
@@ -39,7 +56,7 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut 
     ScrollArea::vertical().id_salt("gallery").auto_shrink(false).show(ui, |ui| {
         let groups = [
             ("In this figure", used.iter().map(String::as_str).filter(|n| found(n).is_some()).collect::<Vec<_>>()),
-            ("All styles", library.infos().map(|i| i.name.as_str()).filter(|n| found(n).is_some()).collect()),
+            (ALL, library.infos().map(|i| i.name.as_str()).filter(|n| found(n).is_some()).collect()),
         ];
         for (title, names) in groups.into_iter().filter(|(_, names)| !names.is_empty()) {
             ui.label(theme::small(ui.ctx(), title));
@@ -48,7 +65,14 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut 
                 ui.horizontal(|ui| {
                     ui.spacing_mut().item_spacing.x = 0.0;
                     for name in row {
-                        let response = cell(ui, open, gallery, title, name);
+                        let response = cell(ui, open, gallery, title, name, fresh.name == *name);
+                        if fresh.name == *name && !fresh.is_shown && title == ALL {
+                            response.scroll_to_me(Some(egui::Align::Center));
+                            fresh.is_shown = true;
+                        }
+                        if response.clicked() || response.drag_started() {
+                            *fresh = Fresh::default();
+                        }
                         cells.push((response, (*name).to_owned()));
                     }
                 });
@@ -75,9 +99,17 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, search: &mut 
         let painter = ui.ctx().layer_painter(LayerId::new(Order::Tooltip, Id::unique("dragged style")));
         gallery.paint(&painter, pointer + Vec2::splat(10.0), SPHERE, &style.0);
     }
+    wanted_new
 }
 
-fn cell(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, group: &str, name: &str) -> egui::Response {
+fn cell(
+    ui: &mut Ui,
+    open: &mut OpenFigure,
+    gallery: &Gallery,
+    group: &str,
+    name: &str,
+    is_fresh: bool,
+) -> egui::Response {
     let (rect, _) = ui.allocate_exact_size(CELL, Sense::hover());
     let response = ui.interact(rect, Id::unique(("style", group, name)), Sense::click_and_drag());
     let title = gallery.title(name).to_owned();
@@ -92,7 +124,7 @@ fn cell(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, group: &str, name
     let tokens = theme::tokens(ui.ctx());
     let center = Pos2::new(rect.center().x, rect.top() + SPHERE + 3.0);
     gallery.paint(ui.painter(), center, SPHERE, name);
-    if response.hovered() {
+    if response.hovered() || is_fresh {
         ui.painter().circle_stroke(center, SPHERE + 1.5, egui::Stroke::new(2.0, tokens.accent));
     }
     let font = FontId::proportional(11.0);
