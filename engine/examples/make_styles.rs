@@ -710,7 +710,7 @@ fn render(shade: fn(DVec3) -> DVec4) -> Picture {
 
 // --- Contact sheet ---
 
-const PANEL: usize = 136;
+const PANEL: usize = 64;
 const MARGIN: usize = 14;
 const CAPTION: usize = 22;
 const COLUMNS: usize = 4;

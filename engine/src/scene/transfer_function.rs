@@ -69,6 +69,11 @@ impl StyleTransferFunction {
         }
     }
 
+    /// Whether it gives the same opacity and style to every value, node by node, however these are drawn.
+    pub fn classifies_as(&self, other: &Self) -> bool {
+        self.nodes == other.nodes && self.reference_length_mm == other.reference_length_mm
+    }
+
     /// Whether it gives the same opacity to every value as `other` does, node by node, whatever the styles.
     pub fn same_opacity(&self, other: &Self) -> bool {
         let alike =
