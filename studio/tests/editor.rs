@@ -831,7 +831,7 @@ fn frames_are_chosen_and_undone() {
     settle(&mut harness);
     assert_eq!(figure(&harness).volumes[0].frame, 0);
     // The panel is longer than the window.
-    harness.get_by_label("Frame").scroll_to_me();
+    harness.query_all_by_label("Frame").last().unwrap().scroll_to_me();
     (0..8).for_each(|_| harness.step());
     click_on(&mut harness, "Frame");
     enter(&mut harness, "4");
