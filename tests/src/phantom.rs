@@ -51,6 +51,41 @@ pub fn lumpy() -> Arc<Volume> {
     })
 }
 
+/// Axes that are neither square nor of one length.
+pub fn sheared() -> DMat3 {
+    DMat3::from_cols(DVec3::new(0.9, 0.1, 0.0), DVec3::new(0.2, 0.8, 0.35), DVec3::new(-0.1, 0.0, 2.0))
+}
+
+/// A bump on grids that are not made of upright cubes, each with its name.
+pub fn awkward() -> impl Iterator<Item = (&'static str, Arc<Volume>)> {
+    let grids = [
+        ("anisotropic", [32, 32, 8], DMat3::from_diagonal(DVec3::new(0.8, 0.9, 3.5))),
+        ("left-handed", [30, 31, 32], DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0))),
+        ("sheared", [30, 28, 16], sheared()),
+    ];
+    grids.into_iter().map(|(name, dims, m)| {
+        let half = DVec3::from_array(dims.map(|n| (n - 1) as f64)) * 0.5;
+        let affine = DAffine3::from_mat3_translation(m, -(m * half));
+        (name, volume(dims, affine, |p| bump(p, DVec3::new(-3.0, 1.0, 0.0), 13.0)))
+    })
+}
+
+/// A ball of colors, 24³ voxels of 1 mm, lighter towards its middle, with an alpha for each voxel's indices.
+///
+/// # Panics
+/// Never: the grid is a usable one.
+pub fn colored(alpha: impl Fn(DVec3) -> u8) -> Arc<Volume> {
+    let dims = [24; 3];
+    let grid = Grid::new(dims, centered(dims, DVec3::ONE)).unwrap_or_else(|e| panic!("{e}"));
+    let color = |i: usize| {
+        let p = DVec3::new((i % 24) as f64, (i / 24 % 24) as f64, (i / 576) as f64);
+        let light = (1.2 - p.distance(DVec3::splat(11.5)) / 11.0).clamp(0.0, 1.0);
+        [(255.0 * light) as u8, (light * (60.0 + 8.0 * p.x)) as u8, (light * (250.0 - 9.0 * p.z)) as u8, alpha(p)]
+    };
+    let made = Volume::from_colors(grid, (0..grid.num_voxels()).map(color).collect(), "phantom");
+    Arc::new(made.unwrap_or_else(|e| panic!("{e}")))
+}
+
 /// A style of the built-in library.
 ///
 /// # Panics

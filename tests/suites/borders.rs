@@ -16,7 +16,7 @@ use fabrica_engine::volume::Volume;
 use fabrica_tests::phantom::{self, add, centered, lumpy, selection};
 use fabrica_tests::twin::{self, ENDLESS, difference, replace};
 use fabrica_tests::{renderer, software};
-use glam::{DAffine3, DMat3, DQuat, DVec3};
+use glam::{DAffine3, DQuat, DVec3};
 
 use crate::moved::{meetings, taken};
 use crate::regions::{BODY, SOLID, THIN, VEIL, divided, hollow, tinted};
@@ -87,15 +87,7 @@ fn two_look_ups_draw_what_the_equations_say() {
     check("cut faces", two(hollow()));
     check("cells of one function", cells(&volume, &[BODY], 40));
     check("cells of several functions", cells(&volume, &[VEIL, THIN, SOLID], 40));
-    let sheared = DMat3::from_cols(DVec3::new(0.9, 0.1, 0.0), DVec3::new(0.2, 0.8, 0.35), DVec3::new(-0.1, 0.0, 2.0));
-    for (name, dims, m) in [
-        ("anisotropic", [32, 32, 8], DMat3::from_diagonal(DVec3::new(0.8, 0.9, 3.5))),
-        ("left-handed", [30, 31, 32], DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0))),
-        ("sheared", [30, 28, 16], sheared),
-    ] {
-        let half = DVec3::from_array(dims.map(|n| (n - 1) as f64)) * 0.5;
-        let affine = DAffine3::from_mat3_translation(m, -(m * half));
-        let volume = phantom::volume(dims, affine, |p| phantom::bump(p, DVec3::new(-3.0, 1.0, 0.0), 13.0));
+    for (name, volume) in phantom::awkward() {
         check(name, two(divided(&volume, BODY, Quality::STANDARD)));
     }
     assert_eq!(failed, 0);

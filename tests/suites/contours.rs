@@ -5,14 +5,12 @@ use std::sync::Arc;
 
 use fabrica_engine::Progress;
 use fabrica_engine::render::{RenderOptions, Renderer};
-use fabrica_engine::scene::{Contours, Meetings, Moved, Object, Projection, Quality, Scene};
-use fabrica_engine::spaces::Grid;
+use fabrica_engine::scene::{Borders, Contours, Meetings, Moved, Object, Projection, Quality, Scene};
 use fabrica_engine::styles::StyleImage;
-use fabrica_engine::volume::Volume;
 use fabrica_tests::phantom::{self, add, ball, centered, lumpy, selection};
 use fabrica_tests::renderer;
 use fabrica_tests::twin::{compare, difference, draw, notices, replace};
-use glam::{DAffine3, DMat3, DQuat, DVec3};
+use glam::{DAffine3, DQuat, DVec3};
 
 const SIZE: [u32; 2] = [48, 40];
 
@@ -52,15 +50,7 @@ fn contours_draw_what_the_equations_say() {
 #[test]
 fn contours_of_awkward_grids_draw_what_the_equations_say() {
     let mut renderer = renderer();
-    let sheared = DMat3::from_cols(DVec3::new(0.9, 0.1, 0.0), DVec3::new(0.2, 0.8, 0.35), DVec3::new(-0.1, 0.0, 2.0));
-    for (name, dims, m) in [
-        ("anisotropic", [32, 32, 8], DMat3::from_diagonal(DVec3::new(0.8, 0.9, 3.5))),
-        ("left-handed", [30, 31, 32], DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0))),
-        ("sheared", [30, 28, 16], sheared),
-    ] {
-        let half = DVec3::from_array(dims.map(|n| (n - 1) as f64)) * 0.5;
-        let affine = DAffine3::from_mat3_translation(m, -(m * half));
-        let volume = phantom::volume(dims, affine, |p| phantom::bump(p, DVec3::new(-3.0, 1.0, 0.0), 13.0));
+    for (name, volume) in phantom::awkward() {
         let mut scene = phantom::scene(&volume, BODY, Quality::STANDARD);
         scene.objects[0].transfer_function.contours = Some(INK);
         scene.objects[0].transfer_function.reference_length_mm = 0.7;
@@ -110,7 +100,14 @@ fn moved(quality: Quality) -> Scene {
 fn contours_of_regions_draw_what_the_equations_say() {
     let mut renderer = renderer();
     for quality in [Quality::DRAFT, Quality::STANDARD, Quality::FINAL] {
-        for (name, scene) in [("regions", divided(quality)), ("moved", moved(quality)), ("tints", tinted(quality))] {
+        let by_labels = Quality { borders: Borders::TwoLookUps, ..quality };
+        for (name, scene) in [
+            ("regions", divided(quality)),
+            ("moved", moved(quality)),
+            ("tints", tinted(quality)),
+            ("regions by two look-ups", divided(by_labels)),
+            ("tints by two look-ups", tinted(by_labels)),
+        ] {
             let found = compare(&mut renderer, &scene, SIZE);
             println!("{name} {quality:?}: {found:?}");
             found.unwrap();
@@ -131,15 +128,7 @@ fn tinted(quality: Quality) -> Scene {
 #[test]
 fn contours_of_volumes_of_colors_draw_what_the_equations_say() {
     let mut renderer = renderer();
-    let dims = [24; 3];
-    let grid = Grid::new(dims, centered(dims, DVec3::ONE)).unwrap();
-    let color = |i: usize| {
-        let p = DVec3::new((i % 24) as f64, (i / 24 % 24) as f64, (i / 576) as f64);
-        let light = (1.2 - p.distance(DVec3::splat(11.5)) / 11.0).clamp(0.0, 1.0);
-        let alpha = if p.z > 12.0 { 255 } else { 140 };
-        [(255.0 * light) as u8, (light * (60.0 + 8.0 * p.x)) as u8, (light * (250.0 - 9.0 * p.z)) as u8, alpha]
-    };
-    let colored = Arc::new(Volume::from_colors(grid, (0..13824).map(color).collect(), "test").unwrap());
+    let colored = phantom::colored(|p| if p.z > 12.0 { 255 } else { 140 });
     let nodes = &[(0.01, "plaster", 0.0), (0.05, "glass", 0.6), (0.3, "porcelain", 1.0)];
     for contours in [RIM, INK] {
         let mut scene = phantom::scene(&colored, nodes, Quality::STANDARD);

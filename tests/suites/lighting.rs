@@ -7,10 +7,8 @@ use std::sync::Arc;
 use fabrica_engine::Progress;
 use fabrica_engine::render::RenderOptions;
 use fabrica_engine::scene::{Contours, Light, LightFrame, Lighting, LightingMap, Projection, Quality, Scene};
-use fabrica_engine::spaces::Grid;
 use fabrica_engine::styles::StyleImage;
-use fabrica_engine::volume::Volume;
-use fabrica_tests::phantom::{self, add, ball, centered, lumpy, selection};
+use fabrica_tests::phantom::{self, add, ball, lumpy, selection};
 use fabrica_tests::renderer;
 use fabrica_tests::twin::{compare, difference, draw, notices, replace};
 use glam::DVec3;
@@ -35,26 +33,25 @@ fn lights() -> Vec<Light> {
 
 fn lit(nodes: &[(f64, &str, f64)], map: LightingMap, lights: Vec<Light>, quality: Quality) -> Scene {
     let mut scene = phantom::scene(&lumpy(), nodes, quality);
-    scene.objects[0].lighting = Some(Lighting { map: Arc::new(map), lights });
+    scene.objects[0].lighting = Some(Lighting { map, lights });
     scene
 }
 
 fn shiny() -> LightingMap {
-    LightingMap::blinn_phong(0.1, 0.7, 0.5, 20.0)
+    LightingMap::BlinnPhong { ambient: 0.1, diffuse: 0.7, specular: 0.5, shininess: 20.0 }
 }
 
 #[test]
 fn lit_objects_draw_what_the_equations_say() {
     let mut renderer = renderer();
     for nodes in [BODY, VEIL] {
-        for (name, map) in
-            [("blinn-phong", shiny()), ("cartoon", LightingMap::cartoon()), ("metal", LightingMap::metal())]
+        for (name, map) in [("blinn-phong", shiny()), ("cartoon", LightingMap::Cartoon), ("metal", LightingMap::Metal)]
         {
             for quality in [Quality::DRAFT, Quality::STANDARD, Quality::FINAL] {
                 for projection in
                     [Projection::Perspective { fov_y_deg: 60.0 }, Projection::Orthographic { height_mm: 40.0 }]
                 {
-                    let mut scene = lit(nodes, map.clone(), lights(), quality);
+                    let mut scene = lit(nodes, map, lights(), quality);
                     scene.camera = phantom::camera(&lumpy(), DVec3::new(-0.7, 0.5, 0.4), projection);
                     let found = compare(&mut renderer, &scene, SIZE);
                     println!("{} {name} {quality:?} {projection:?}: {found:?}", nodes[0].1);
@@ -79,17 +76,10 @@ fn divided(quality: Quality) -> Scene {
 fn lit_regions_and_colors_draw_what_the_equations_say() {
     let mut renderer = renderer();
     compare(&mut renderer, &divided(Quality::STANDARD), SIZE).unwrap();
-    let dims = [24; 3];
-    let grid = Grid::new(dims, centered(dims, DVec3::ONE)).unwrap();
-    let color = |i: usize| {
-        let p = DVec3::new((i % 24) as f64, (i / 24 % 24) as f64, (i / 576) as f64);
-        let light = (1.2 - p.distance(DVec3::splat(11.5)) / 11.0).clamp(0.0, 1.0);
-        [(255.0 * light) as u8, (light * (60.0 + 8.0 * p.x)) as u8, (light * (250.0 - 9.0 * p.z)) as u8, 255]
-    };
-    let colored = Arc::new(Volume::from_colors(grid, (0..13824).map(color).collect(), "test").unwrap());
+    let colored = phantom::colored(|_| 255);
     let nodes = &[(0.01, "plaster", 0.0), (0.05, "plaster", 0.9)];
     let mut scene = phantom::scene(&colored, nodes, Quality::STANDARD);
-    scene.objects[0].lighting = Some(Lighting { map: Arc::new(shiny()), lights: lights() });
+    scene.objects[0].lighting = Some(Lighting { map: shiny(), lights: lights() });
     compare(&mut renderer, &scene, SIZE).unwrap();
 }
 
@@ -119,7 +109,7 @@ fn a_lit_ball_is_what_a_style_of_the_same_light_draws() {
     let l = DVec3::new(-0.5, 0.5, FRAC_1_SQRT_2).normalize();
     let mut scene = lit(
         &[(250.0, "bone", 0.0), (300.0, "bone", 1.0)],
-        map.clone(),
+        map,
         vec![light(l, LightFrame::Camera, [1.0; 3])],
         Quality::FINAL,
     );
@@ -132,7 +122,7 @@ fn a_lit_ball_is_what_a_style_of_the_same_light_draws() {
         let (x, y) = (at(i % size), -at(i / size));
         let n = DVec3::new(x, y, (1.0 - x * x - y * y).max(0.0).sqrt());
         let n = n / n.length().max(1.0);
-        let [a, d, s] = map.at(n.dot(l), n.dot((l + DVec3::Z).normalize()));
+        let [a, d, s] = map.terms(n.dot(l), n.dot((l + DVec3::Z).normalize()));
         let c = (a + d + s).clamp(0.0, 1.0) as f32;
         [c, c, c, 1.0]
     };

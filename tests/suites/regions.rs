@@ -15,7 +15,7 @@ use fabrica_engine::volume::{Rescale, Volume, Voxels};
 use fabrica_tests::phantom::{self, add, ball, centered, function, lumpy, selection};
 use fabrica_tests::twin::{self, ENDLESS, difference, replace};
 use fabrica_tests::{renderer, software};
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DVec3};
 
 const SIZE: [u32; 2] = [48, 40];
 
@@ -67,15 +67,7 @@ fn regions_draw_what_the_equations_say() {
 #[test]
 fn regions_of_awkward_grids_draw_what_the_equations_say() {
     let mut renderer = renderer();
-    let sheared = DMat3::from_cols(DVec3::new(0.9, 0.1, 0.0), DVec3::new(0.2, 0.8, 0.35), DVec3::new(-0.1, 0.0, 2.0));
-    for (name, dims, m) in [
-        ("anisotropic", [32, 32, 8], DMat3::from_diagonal(DVec3::new(0.8, 0.9, 3.5))),
-        ("left-handed", [30, 31, 32], DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0))),
-        ("sheared", [30, 28, 16], sheared),
-    ] {
-        let half = DVec3::from_array(dims.map(|n| (n - 1) as f64)) * 0.5;
-        let affine = DAffine3::from_mat3_translation(m, -(m * half));
-        let volume = phantom::volume(dims, affine, |p| phantom::bump(p, DVec3::new(-3.0, 1.0, 0.0), 13.0));
+    for (name, volume) in phantom::awkward() {
         let found = compare(&mut renderer, &divided(&volume, BODY, Quality::STANDARD));
         println!("{name}: {found:?}");
         found.unwrap();
@@ -88,13 +80,8 @@ fn regions_of_colors_and_of_volumes_with_gaps_draw_what_the_equations_say() {
     let dims = [24; 3];
     let grid = Grid::new(dims, centered(dims, DVec3::ONE)).unwrap();
     let place = |i: usize| DVec3::new((i % 24) as f64, (i / 24 % 24) as f64, (i / 576) as f64);
-    let color = |i: usize| {
-        let p = place(i);
-        let light = (1.2 - p.distance(DVec3::splat(11.5)) / 11.0).clamp(0.0, 1.0);
-        [(255.0 * light) as u8, (light * (60.0 + 8.0 * p.x)) as u8, (light * (250.0 - 9.0 * p.z)) as u8, 255]
-    };
     let nodes = &[(0.01, "plaster", 0.0), (0.05, "plaster", 0.9), (0.3, "porcelain", 1.0)];
-    let colored = Arc::new(Volume::from_colors(grid, (0..13824).map(color).collect(), "test").unwrap());
+    let colored = phantom::colored(|_| 255);
     let mut scene = phantom::scene(&colored, nodes, Quality::STANDARD);
     let pool = Arc::default();
     add(

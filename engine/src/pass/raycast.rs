@@ -249,7 +249,7 @@ pub struct RaycastPass {
     nothing: wgpu::TextureView,
     pipelines: HashMap<RaycastKey, Pipeline>,
     styles: Option<(Vec<Arc<StyleImage>>, wgpu::TextureView)>,
-    lighting_map: Option<(Arc<LightingMap>, wgpu::TextureView)>,
+    lighting_map: Option<(LightingMap, wgpu::TextureView)>,
     looks: Vec<Look>,
     tables: Tables,
     region_looks: Vec<RegionLooks>,
@@ -688,10 +688,15 @@ impl RaycastPass {
         scene: &Scene,
         lighting: &Lighting,
     ) -> (wgpu::Buffer, wgpu::TextureView, wgpu::TextureView) {
-        let known = self.lighting_map.as_ref().filter(|(map, _)| Arc::ptr_eq(map, &lighting.map));
+        let known = self.lighting_map.as_ref().filter(|(map, _)| *map == lighting.map);
         let view = known.map(|(_, view)| view.clone()).unwrap_or_else(|| {
-            let texels: Vec<half::f16> =
-                lighting.map.texels.iter().flat_map(|[a, d, s]| [*a, *d, *s, 0.0].map(half::f16::from_f32)).collect();
+            let texels: Vec<half::f16> = lighting
+                .map
+                .table()
+                .texels
+                .iter()
+                .flat_map(|[a, d, s]| [*a, *d, *s, 0.0].map(half::f16::from_f32))
+                .collect();
             let texture = small_texture(
                 context,
                 "lighting map",
@@ -702,7 +707,7 @@ impl RaycastPass {
             );
             texture.create_view(&Default::default())
         });
-        self.lighting_map = Some((lighting.map.clone(), view.clone()));
+        self.lighting_map = Some((lighting.map, view.clone()));
         let colors: Vec<[f32; 4]> = scene.styles.iter().map(|style| style.color).collect();
         let colors = small_texture(
             context,
@@ -749,7 +754,7 @@ fn object_uniform(
     table: &TransferTable,
     function: &StyleTransferFunction,
 ) -> ObjectUniform {
-    let drawn = Drawn::of(function);
+    let drawn = FunctionDrawing::of(function);
     let grid = &object.volume.grid;
     let column = |v: DVec3| v.as_vec3().to_array();
     let to_index = grid.index_from_world().matrix3;
@@ -791,7 +796,7 @@ fn object_uniform(
 
 /// How a function is drawn, as the shader has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Drawn {
+pub(super) struct FunctionDrawing {
     /// Width of contours in figure points, 0 without any.
     pub contour_pt: f32,
     /// Their color; the last is 1, or 0 where they have that of the style's rim.
@@ -800,7 +805,7 @@ pub(super) struct Drawn {
     pub transparency: bool,
 }
 
-impl Drawn {
+impl FunctionDrawing {
     pub fn of(function: &StyleTransferFunction) -> Self {
         let color = function.contours.and_then(|contours| contours.color);
         let [r, g, b] = color.unwrap_or_default();

@@ -4,7 +4,7 @@
 use std::sync::{Arc, Weak};
 
 use super::places::{MAX_KINDS, Places, Showing};
-use super::raycast::{Drawn as DrawnFunction, in_steps, small_texture, uniform};
+use super::raycast::{FunctionDrawing, in_steps, small_texture, uniform};
 use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::error::Result;
 use crate::gpu::context::GpuContext;
@@ -225,8 +225,8 @@ impl RegionLooks {
             let tint = look.and_then(|look| look.tint);
             let ([r, g, b], opacity) = (tint.unwrap_or_default(), 1.0 + opacity as f32);
             texels.push([r, g, b, if tint.is_some() { opacity } else { -opacity }]);
-            let drawn = DrawnFunction::of(function);
-            is_drawn_alike &= drawn == DrawnFunction::of(&visible.transfer_function);
+            let drawn = FunctionDrawing::of(function);
+            is_drawn_alike &= drawn == FunctionDrawing::of(&visible.transfer_function);
             let [r, g, b, own] = drawn.ink;
             texels.push([layer as f32, lengths as f32, row as f32, drawn.contour_pt]);
             texels.push([r, g, b, own + if drawn.transparency { 2.0 } else { 0.0 }]);

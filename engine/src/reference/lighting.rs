@@ -1,16 +1,25 @@
 //! Lighting maps (docs/rendering.md §4, thesis §3.3.1): a surface under lights, in place of a style's picture.
 
+use std::sync::Arc;
+
 use glam::{DVec2, DVec3};
 
 use super::style::{Classification, RayFrame};
-use crate::scene::Camera;
-use crate::scene::Lighting;
+use crate::scene::{Camera, Lighting, LightingTable};
 use crate::styles::StyleImage;
-use std::sync::Arc;
+
+/// How an object is lit, ready for rays.
+#[derive(Clone, Debug)]
+pub struct Lit<'a> {
+    /// The lights.
+    pub lighting: &'a Lighting,
+    /// What light does.
+    pub table: LightingTable,
+}
 
 /// Straight linear RGB and α_d of a sample of class `class`, whose normal has the components `n_xy` across the ray.
 pub fn lit(
-    lighting: &Lighting,
+    Lit { lighting, table }: &Lit<'_>,
     camera: &Camera,
     styles: &[Arc<StyleImage>],
     class: &Classification,
@@ -33,7 +42,7 @@ pub fn lit(
         let l = light.in_world(camera);
         let l = DVec3::new(l.dot(frame.right), l.dot(frame.up), -l.dot(direction));
         let h = (l + DVec3::Z).normalize_or_zero();
-        let [ambient, diffuse, specular] = lighting.map.at(normal.dot(l), normal.dot(h));
+        let [ambient, diffuse, specular] = table.at(normal.dot(l), normal.dot(h));
         let c = DVec3::from_array(light.color.map(f64::from));
         let share = if brightness > 0.0 { light.luminance() / brightness } else { 1.0 / lighting.lights.len() as f64 };
         own += share * ambient + c * diffuse;

@@ -36,6 +36,7 @@ use crate::with_voxels;
 use bodies::prepare_bodies;
 use color::{Jacobian, premultiplied};
 use label::Labels;
+use lighting::Lit;
 use ray::ray_from_pixel;
 use sample::{Lattice, gradient_max, gradient_volume, sample_volume, steepest};
 use walk::{Colors, Prepared};
@@ -210,7 +211,7 @@ fn prepare<'a>(scene: &'a Scene, object: &'a Object) -> Result<Prepared<'a>> {
         bodies: prepare_bodies(object),
         reference_length_mm: object.reference_length_mm(),
         styles: &scene.styles,
-        lighting: object.lighting.as_ref(),
+        lighting: object.lighting.as_ref().map(|lighting| Lit { lighting, table: lighting.map.table() }),
         has_contours: object.has_contours(),
         page_height_pt: scene.page_height_mm / 25.4 * 72.0,
     })

@@ -8,7 +8,7 @@ use super::bodies::{Interval, PreparedBody, Shown, combine, intervals};
 use super::color::{Jacobian, luminance};
 use super::contour::{coverage, curvature, extent, modulated, pushed};
 use super::label::Labels;
-use super::lighting::lit;
+use super::lighting::{Lit, lit};
 use super::opacity::opacity_correct;
 use super::piece::{Piece, classify_piece};
 use super::ray::{Ray, Samples};
@@ -19,7 +19,7 @@ use super::style::{
     style_level, style_normal, surface_normal,
 };
 use crate::scene::quality::PARTS;
-use crate::scene::{Borders, Camera, Lighting, Quality};
+use crate::scene::{Borders, Camera, Quality};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
 
@@ -51,7 +51,7 @@ pub struct Prepared<'a> {
     /// What the transfer function's nodes refer to.
     pub styles: &'a [Arc<StyleImage>],
     /// How it is lit, in place of styles.
-    pub lighting: Option<&'a Lighting>,
+    pub lighting: Option<Lit<'a>>,
     /// Whether any look draws contours.
     pub has_contours: bool,
     /// Height of the whole picture on the page, in figure points.
@@ -250,7 +250,7 @@ impl<'a> Line<'a> {
                 None => n_xy = pushed(n_xy, facing, c),
             }
         }
-        let (style, alpha_d) = match self.object.lighting {
+        let (style, alpha_d) = match &self.object.lighting {
             Some(lighting) => {
                 lit(lighting, self.camera, self.object.styles, class, n_xy, &self.frame, self.ray.direction)
             }
@@ -299,8 +299,8 @@ impl<'a> Line<'a> {
         })
     }
 
-    /// What shows of a stretch: of each look what `seen` says. The looks share the place at `t` (mm); `cut` is the face that the regions make there. Straight color, opacity of a
-    /// reference length, and what the looks have of the place.
+    /// What shows of a stretch: of each look what `seen` says. The looks share the place at `t` (mm); `cut` is the face that the regions
+    /// make there. Straight color, opacity of a reference length, and what the looks have of the place.
     fn see(&self, t: f64, seen: &[SeenAt], cut: Face) -> (DVec3, f64, f64) {
         let looks = &self.body.looks;
         let mut shown = [0.0; 4];

@@ -1,7 +1,5 @@
 //! Lighting maps (thesis §3.3.1): how surfaces are lit where styles only say what color they are.
 
-use std::sync::Arc;
-
 use glam::DVec3;
 
 use super::Camera;
@@ -16,7 +14,7 @@ pub const MAX_LIGHTS: usize = 4;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lighting {
     /// What light does to a surface.
-    pub map: Arc<LightingMap>,
+    pub map: LightingMap,
     /// One to [`MAX_LIGHTS`].
     pub lights: Vec<Light>,
 }
@@ -41,50 +39,70 @@ pub enum LightFrame {
     World,
 }
 
-/// What light does, by n·l and n·h: how much there is of the surface's color anyway (ambient), of its color in this light (diffuse), and
-/// of the light itself (specular).
+/// What light does to a surface, by n·l and n·h: how much there is of the surface's color anyway (ambient), of its color in this light
+/// (diffuse), and of the light itself (specular).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LightingMap {
+    /// The model of Blinn and Phong.
+    BlinnPhong {
+        /// Weight of the first term, 0 or more, as the next two.
+        ambient: f64,
+        /// Of the second, which goes with n·l.
+        diffuse: f64,
+        /// Of the third.
+        specular: f64,
+        /// Exponent of n·h in it, 0 or more.
+        shininess: f64,
+    },
+    /// Three tones and a hard highlight.
+    Cartoon,
+    /// Polished metal: dark against the light's horizon, streaks of light in its own color.
+    Metal,
+    /// Plain colors, whatever the light.
+    Unshaded,
+}
+
+/// A lighting map as pictures are drawn with it: [`MAP_SIZE`]² texels; n·l goes from −1 in the middle of the first column to 1 in that of
+/// the last, n·h from 1 in the first row to 0 in the last. Bilinear in between.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LightingMap {
-    /// Ambient, diffuse, specular: [`MAP_SIZE`]² texels; n·l goes from −1 in the middle of the first column to 1 in that of the last,
-    /// n·h from 1 in the first row to 0 in the last. Bilinear in between.
+pub struct LightingTable {
+    /// Ambient, diffuse, specular.
     pub texels: Vec<[f32; 3]>,
 }
 
 impl LightingMap {
-    /// A map of a function of n·l and n·h.
-    pub fn of(function: impl Fn(f64, f64) -> [f64; 3]) -> Self {
+    /// Ambient, diffuse and specular at n·l and n·h.
+    pub fn terms(&self, n_l: f64, n_h: f64) -> [f64; 3] {
+        let n_h = n_h.max(0.0);
+        match *self {
+            Self::BlinnPhong { ambient, diffuse, specular, shininess } => {
+                let lit = if n_l > 0.0 { n_h.powf(shininess) } else { 0.0 };
+                [ambient, diffuse * n_l.max(0.0), specular * lit]
+            }
+            Self::Cartoon => {
+                let step = |at: f64, width: f64, x: f64| ((x - at) / width + 0.5).clamp(0.0, 1.0);
+                [0.34, 0.3 * step(-0.05, 0.03, n_l) + 0.32 * step(0.5, 0.03, n_l), 0.55 * step(0.97, 0.006, n_h)]
+            }
+            Self::Metal => {
+                let streaks = 0.5 + 0.5 * (9.0 * n_h * n_h).sin();
+                [0.06, 0.18 * n_l.max(0.0) + 0.75 * streaks * n_h.powf(4.0), 0.8 * n_h.powf(60.0)]
+            }
+            Self::Unshaded => [1.0, 0.0, 0.0],
+        }
+    }
+
+    /// The map as a table.
+    pub fn table(&self) -> LightingTable {
         let last = (MAP_SIZE - 1) as f64;
         let texel = |i: usize| {
             let (column, row) = ((i % MAP_SIZE) as f64, (i / MAP_SIZE) as f64);
-            function(2.0 * column / last - 1.0, 1.0 - row / last).map(|c| c as f32)
+            self.terms(2.0 * column / last - 1.0, 1.0 - row / last).map(|c| c as f32)
         };
-        Self { texels: (0..MAP_SIZE * MAP_SIZE).map(texel).collect() }
+        LightingTable { texels: (0..MAP_SIZE * MAP_SIZE).map(texel).collect() }
     }
+}
 
-    /// The model of Blinn and Phong: weights of its three terms, and the exponent of highlights.
-    pub fn blinn_phong(ambient: f64, diffuse: f64, specular: f64, shininess: f64) -> Self {
-        Self::of(|n_l, n_h| {
-            let lit = if n_l > 0.0 { n_h.powf(shininess) } else { 0.0 };
-            [ambient, diffuse * n_l.max(0.0), specular * lit]
-        })
-    }
-
-    /// Three tones and a hard highlight.
-    pub fn cartoon() -> Self {
-        Self::of(|n_l, n_h| {
-            let step = |at: f64, width: f64, x: f64| ((x - at) / width + 0.5).clamp(0.0, 1.0);
-            [0.34, 0.3 * step(-0.05, 0.03, n_l) + 0.32 * step(0.5, 0.03, n_l), 0.55 * step(0.97, 0.006, n_h)]
-        })
-    }
-
-    /// Polished metal: dark against the light's horizon, streaks of light in its own color.
-    pub fn metal() -> Self {
-        Self::of(|n_l, n_h| {
-            let streaks = 0.5 + 0.5 * (9.0 * n_h * n_h).sin();
-            [0.06, 0.18 * n_l.max(0.0) + 0.75 * streaks * n_h.powf(4.0), 0.8 * n_h.powf(60.0)]
-        })
-    }
-
+impl LightingTable {
     /// Ambient, diffuse and specular at n·l and n·h.
     pub fn at(&self, n_l: f64, n_h: f64) -> [f64; 3] {
         let last = (MAP_SIZE - 1) as f64;
@@ -128,7 +146,7 @@ impl Lighting {
         for light in &self.lights {
             let world = light.in_world(camera);
             let l = DVec3::new(world.dot(camera.right), world.dot(camera.up), -world.dot(camera.forward));
-            let [a, d, s] = self.map.at(n.dot(l), n.dot((l + DVec3::Z).normalize_or_zero()));
+            let [a, d, s] = self.map.terms(n.dot(l), n.dot((l + DVec3::Z).normalize_or_zero()));
             let c = DVec3::from_array(light.color.map(f64::from));
             own += a * if brightness > 0.0 { light.luminance() / brightness } else { 1.0 / self.lights.len() as f64 }
                 + c * d;
@@ -139,7 +157,7 @@ impl Lighting {
 
     /// How fast what is white changes with the normal, seen by `camera`; as [`StyleImage::sharpness`](crate::styles::StyleImage).
     pub fn sharpness(&self, camera: &Camera) -> f64 {
-        const STEPS: i32 = 24;
+        const STEPS: i32 = 16;
         let h = 1.0 / f64::from(STEPS);
         let at = |x: f64, y: f64| {
             let n = DVec3::new(x, y, (1.0 - x * x - y * y).max(0.0).sqrt());
@@ -163,8 +181,10 @@ impl Lighting {
         if self.lights.is_empty() || self.lights.len() > MAX_LIGHTS {
             return fail(format!("an object has {} lights", self.lights.len()), "give it one to four");
         }
-        if self.map.texels.len() != MAP_SIZE * MAP_SIZE || self.map.texels.iter().flatten().any(|c| !c.is_finite()) {
-            return fail("a lighting map is not one of 256 × 256 numbers".into(), "make it anew");
+        if let LightingMap::BlinnPhong { ambient, diffuse, specular, shininess } = self.map
+            && [ambient, diffuse, specular, shininess].iter().any(|n| !(n.is_finite() && *n >= 0.0))
+        {
+            return fail(format!("an object is lit by {:?}", self.map), "give numbers of 0 or more");
         }
         for light in &self.lights {
             if !light.direction.is_normalized() {
@@ -183,16 +203,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_map_is_its_function_at_its_texels_and_linear_between() {
-        let map = LightingMap::blinn_phong(0.1, 0.7, 0.5, 20.0);
+    fn a_table_is_its_map_at_its_texels_and_linear_between() {
+        let map = LightingMap::BlinnPhong { ambient: 0.1, diffuse: 0.7, specular: 0.5, shininess: 20.0 };
+        let table = map.table();
         for (n_l, n_h) in [(1.0, 1.0), (0.2, 0.6), (-1.0, 0.0), (0.999, 0.98)] {
-            let [a, d, s] = map.at(n_l, n_h);
+            let [a, d, s] = table.at(n_l, n_h);
             assert!((a - 0.1).abs() < 1e-6 && (d - 0.7 * f64::max(n_l, 0.0)).abs() < 3e-3, "{n_l}: {d}");
             let expected = if n_l > 0.0 { 0.5 * n_h.powf(20.0) } else { 0.0 };
             assert!((s - expected).abs() < 2e-3, "{n_h}: {s}, {expected}");
         }
         // Beyond the ends the edge goes on.
-        assert_eq!(map.at(2.0, 7.0), map.at(1.0, 1.0));
-        assert_eq!(map.at(-2.0, -7.0), map.at(-1.0, 0.0));
+        assert_eq!(table.at(2.0, 7.0), table.at(1.0, 1.0));
+        assert_eq!(table.at(-2.0, -7.0), table.at(-1.0, 0.0));
+        // Lights behind a surface bring none of the map's highlights with them.
+        assert_eq!(map.terms(-0.5, -0.3), [0.1, 0.0, 0.0]);
     }
 }

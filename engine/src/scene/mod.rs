@@ -13,7 +13,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 pub use camera::{Camera, Projection};
-pub use lighting::{Light, LightFrame, Lighting, LightingMap};
+pub use lighting::{Light, LightFrame, Lighting, LightingMap, LightingTable};
 pub use moved::{Body, Meeting, Meetings, Moved, Role};
 pub use quality::{Borders, Quality};
 pub use region::{Look, Region};

@@ -63,7 +63,7 @@ impl Editor {
 
     fn keep_style(&self, name: &str, found: &Extracted) -> Result<StyleLibrary> {
         let folder = self.styles_folder.as_ref().ok_or_else(|| {
-            Error::scene("there is no folder for your own styles", "start Fabrica with a folder for them (--styles)")
+            Error::scene("there is no folder for your own styles", "give Fabrica a home folder that it may write to")
         })?;
         std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, &e))?;
         let path = folder.join(format!("{name}.png"));

@@ -1,7 +1,5 @@
 //! What a template says of lights, for objects that are lit and do not show their styles' own (thesis §3.3.1).
 
-use std::sync::Arc;
-
 use anyhow::{Result, bail};
 use fabrica_engine::color::linear_from_srgb8;
 use fabrica_engine::scene::lighting::MAX_LIGHTS;
@@ -141,14 +139,13 @@ impl LightingTemplate {
     }
 
     /// What light does to surfaces.
-    pub fn map(&self) -> LightingMap {
+    fn map(&self) -> LightingMap {
+        let Self { ambient, diffuse, specular, shininess, .. } = *self;
         match self.model {
-            LightingModel::BlinnPhong => {
-                LightingMap::blinn_phong(self.ambient, self.diffuse, self.specular, self.shininess)
-            }
-            LightingModel::Cartoon => LightingMap::cartoon(),
-            LightingModel::Metal => LightingMap::metal(),
-            LightingModel::Unshaded => LightingMap::of(|_, _| [1.0, 0.0, 0.0]),
+            LightingModel::BlinnPhong => LightingMap::BlinnPhong { ambient, diffuse, specular, shininess },
+            LightingModel::Cartoon => LightingMap::Cartoon,
+            LightingModel::Metal => LightingMap::Metal,
+            LightingModel::Unshaded => LightingMap::Unshaded,
         }
     }
 
@@ -162,7 +159,7 @@ impl LightingTemplate {
             },
             color: light.color.0.map(|c| linear_from_srgb8(c) * light.brightness as f32),
         };
-        Lighting { map: Arc::new(self.map()), lights: self.lights.iter().map(light).collect() }
+        Lighting { map: self.map(), lights: self.lights.iter().map(light).collect() }
     }
 
     /// Checks what the types cannot; `whose` it is begins the sentence.
