@@ -30,7 +30,9 @@ pub struct Pick {
     pub gradient: f64,
     /// How much of the pixel it is, from 0 to 1: the jump of the ray's opacity.
     pub opacity: f64,
-    /// Node coordinate of the transfer function that is seen there: i + w is w of the way from node i to node i + 1.
+    /// Row of the transfer function that is seen there; 0, where it is 1-D.
+    pub row: usize,
+    /// Node coordinate in that row: i + w is w of the way from node i to node i + 1.
     pub node: f64,
     /// The region of the object that shows most of the jump; none: what belongs to no region.
     pub region: Option<usize>,
@@ -78,6 +80,7 @@ pub fn pick(scene: &Scene, image_size: [u32; 2], x: u32, y: u32) -> Option<Pick>
         value: line.value(best),
         gradient: line.steepness(best).min(1.0),
         opacity,
+        row: best.row,
         node: best.node,
         region: best.region,
         is_ghost: line.is_ghost(best),

@@ -227,18 +227,19 @@ impl Renderer {
         borders: Borders,
         progress: &Progress,
     ) -> Result<Option<ResidentRegions>> {
-        if object.regions.is_empty() {
+        // Rows of transfer functions are looks, which a list of no regions has room for as well.
+        if object.regions.is_empty() && !object.has_rows() {
             self.regions = Default::default();
             return Ok(None);
         }
         if let Some(mut known) = self.regions[borders as usize].take() {
-            if known.update(&self.context, &object.regions)? {
+            if known.update(&self.context, object)? {
                 return Ok(Some(known));
             }
             // Another object: what it has of the other kind is of no use either.
             self.regions = Default::default();
         }
-        Ok(Some(ResidentRegions::upload(&self.context, &object.regions, borders, progress)?))
+        Ok(Some(ResidentRegions::upload(&self.context, object, borders, progress)?))
     }
 
     fn tile_slot(&self, width: u32, height: u32, several_passes: bool) -> TileSlot {

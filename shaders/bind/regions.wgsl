@@ -12,6 +12,9 @@ struct Regions {
     pad0: f32,
     world_z: vec3f,
     pad1: f32,
+    // 1 / voxels along the edges of the texture of distances, cells that stick out of the volume included.
+    distance_scale: vec3f,
+    pad2: f32,
 }
 
 @group(1) @binding(11) var<uniform> regions: Regions;
@@ -21,6 +24,6 @@ struct Regions {
 @group(1) @binding(13) var entries: texture_2d<u32>;
 // Memberships of bricks of 8³ voxels and of the voxels around them: 10³ texels a slot.
 @group(1) @binding(14) var atlas: texture_3d<f32>;
-// Three texels a look, row by row: tint, and 1 + opacity, negative if there is no tint; layer, object's d₀ / its d₀, row of
+// Three texels a look, row by row of the texture: tint, and 1 + opacity, negative if there is no tint; layer, object's d₀ / its d₀, row of
 // node_layers, width of contours in figure points; the color of these, and 1 if that is their own, plus 2 if opacity is modulated.
 @group(1) @binding(15) var region_looks: texture_2d<f32>;

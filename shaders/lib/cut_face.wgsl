@@ -6,6 +6,9 @@
 #if functions
 #import lib/functions
 #end
+#if rows
+#import lib/rows
+#end
 
 // Change over a voxel, as a share of what shows, from which on the end of a region is a face and no transition.
 const SHARP_END: f32 = 0.25;
@@ -49,11 +52,26 @@ fn cut_face(p: vec3f, front: f32, back: f32, shows: u32, pose: Pose) -> vec4f {
 // How much of a look shows, without its style; up to a factor, where all have one function.
 fn shown_of(look: u32, front: f32, back: f32, shows: u32) -> f32 {
     let opacity = abs(look_texel(look, 0u).w) - 1.0;
-#if functions
+#if rows
+    // Of what shows most of its rows: which of them are there is not asked.
+    let count = num_rows(look);
+    var most = 0.0;
+    var row = 0u;
+    loop {
+        let layer = u32(look_texel(look_of_row(look, row), 1u).x);
+        let piece = classify_piece(function_of_layer(layer, 0u), front, back);
+        most = max(most, select(0.0, opacity * one_minus_exp(-piece.extinction), (shows >> layer & 1u) != 0u));
+        row += 1u;
+        if row >= count { break; }
+    }
+    return most;
+#end
+#if plain_functions
     let layer = u32(look_texel(look, 1u).x);
     let piece = classify_piece(function_of_layer(layer, 0u), front, back);
     return select(0.0, opacity * one_minus_exp(-piece.extinction), (shows >> layer & 1u) != 0u);
-#else
+#end
+#if no_functions
     return opacity;
 #end
 }

@@ -118,6 +118,7 @@ pub fn scene(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality)
             regions: Vec::new(),
             lighting: None,
             gradient_scale_mm: volume.grid.spacing_mm().min_element(),
+            distances: Vec::new(),
         }],
         styles,
         camera: camera(volume, DVec3::new(0.3, 1.0, 0.2), Projection::Perspective { fov_y_deg: 20.0 }),

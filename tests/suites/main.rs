@@ -18,5 +18,6 @@ mod raycast;
 mod readers;
 mod reference;
 mod regions;
+mod rows;
 mod templates;
 mod tidy;

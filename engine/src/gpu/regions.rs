@@ -12,7 +12,7 @@ use super::labels::{Largest, Numbered, number};
 use super::upload::{TABLE_USAGE, extent, table_descriptor, write_box};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::scene::{Borders, Region};
+use crate::scene::{Borders, Object, Region};
 use crate::selection::{BRICK, Brick, Selection};
 
 /// Texels along x and y of the atlas. Along all axes a power of two: so f32 has the place of a sample exactly, and a picture does
@@ -121,12 +121,13 @@ impl Found {
 }
 
 impl ResidentRegions {
-    /// Uploads the selections of `regions`, all of one grid, for one kind of borders.
+    /// Uploads the selections of an object's regions, for one kind of borders.
     ///
     /// # Errors
     /// [`Error::Gpu`] where the adapter has no room, [`Error::Cancelled`].
-    pub fn upload(context: &GpuContext, regions: &[Region], borders: Borders, progress: &Progress) -> Result<Self> {
-        let size = regions.first().map_or([1; 3], |r| r.selection.size_in_bricks());
+    pub fn upload(context: &GpuContext, object: &Object, borders: Borders, progress: &Progress) -> Result<Self> {
+        let regions = &object.regions[..];
+        let size = object.volume.bricks().dims;
         let num_bricks = size.iter().product();
         let format = match borders {
             // Every adapter filters half floats, and they hold the numbers of a brick's labels exactly.
@@ -175,8 +176,10 @@ impl ResidentRegions {
     ///
     /// # Errors
     /// As [`ResidentRegions::upload`].
-    pub fn update(&mut self, context: &GpuContext, regions: &[Region]) -> Result<bool> {
-        if regions.len() != self.selections.len()
+    pub fn update(&mut self, context: &GpuContext, object: &Object) -> Result<bool> {
+        let regions = &object.regions[..];
+        if self.size != object.volume.bricks().dims
+            || regions.len() != self.selections.len()
             || regions.iter().zip(&self.selections).any(|(r, s)| r.selection.grid().dims() != s.grid().dims())
         {
             return Ok(false);

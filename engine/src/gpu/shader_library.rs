@@ -22,6 +22,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "bind/lighting",
     "bind/object",
     "bind/regions",
+    "bind/rows",
     "bind/resume",
     "bind/validity",
     "lib/bodies_few",
@@ -47,6 +48,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/pose_rest",
     "lib/ray",
     "lib/region",
+    "lib/rows",
     "lib/resume_none",
     "lib/sample_filtered",
     "lib/sample_loads",
@@ -89,6 +91,8 @@ pub struct RaycastKey {
     pub labels: bool,
     /// Their looks have several functions from value to opacity, or styles; never without `regions`.
     pub functions: bool,
+    /// Some of these have a second coordinate; never without `functions`.
+    pub rows: bool,
     /// Some regions are more opaque than others, so that where they end there is a face; never without `regions`.
     pub cuts: bool,
     /// Some regions were moved, so that there are several bodies; never without `regions`, and always with `cuts`.
@@ -120,6 +124,7 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.regions { " regions" } else { "" })?;
         f.write_str(if self.labels { " labels" } else { "" })?;
         f.write_str(if self.functions { " functions" } else { "" })?;
+        f.write_str(if self.rows { " rows" } else { "" })?;
         f.write_str(if self.cuts { " cuts" } else { "" })?;
         f.write_str(if self.bodies { " bodies" } else { "" })?;
         f.write_str(if self.many_bodies { " many" } else { "" })?;
@@ -133,7 +138,8 @@ impl std::fmt::Display for RaycastKey {
 
 impl RaycastKey {
     /// Keys for tests: every combination of what there is, but contours, transparency and lights, which are there one at a time or
-    /// all together, where the adapter filters and all voxels have data; with labels all or none.
+    /// all together, where the adapter filters and all voxels have data; with labels all or none; with rows where the adapter filters,
+    /// all voxels have data, and contours and lights are both there or not.
     pub fn all() -> impl Iterator<Item = Self> {
         // Each of these with regions by memberships, then by labels.
         // No regions; regions with one function and several; the same with faces; with bodies; with meetings; with many bodies and
@@ -153,6 +159,7 @@ impl RaycastKey {
             regions: n >= 48,
             labels: false,
             functions: (n / 48) % 2 == 0 && n >= 48,
+            rows: false,
             cuts: n >= 3 * 48,
             bodies: n >= 5 * 48,
             many_bodies: n >= 9 * 48,
@@ -160,9 +167,14 @@ impl RaycastKey {
         });
         let all = all.filter(|key| key.resumed || !key.bodies);
         let with_labels = |key: &Self| key.regions && key.contours == key.transparency && key.transparency == key.lit;
-        all.flat_map(move |key| {
+        let all = all.flat_map(move |key| {
             let labeled = Some(Self { labels: true, ..key }).filter(with_labels);
             std::iter::once(key).chain(labeled)
+        });
+        let with_rows = |key: &Self| key.functions && key.filtered && !key.no_data && key.contours == key.lit;
+        all.flat_map(move |key| {
+            let rowed = Some(Self { rows: true, ..key }).filter(|key| with_rows(key) && key.table_filtered);
+            std::iter::once(key).chain(rowed)
         })
     }
 
@@ -192,6 +204,9 @@ impl RaycastKey {
             "regions" => Some(self.regions),
             "labels" => Some(self.labels),
             "functions" => Some(self.functions),
+            "plain_functions" => Some(self.functions && !self.rows),
+            "no_functions" => Some(!self.functions),
+            "rows" => Some(self.rows),
             "cuts" => Some(self.cuts),
             "meetings" => Some(self.meetings),
             "contours" => Some(self.contours),

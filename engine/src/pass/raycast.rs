@@ -8,6 +8,7 @@ use glam::DVec3;
 use wgpu::util::DeviceExt as _;
 
 use super::bodies::{bodies_uniform, bounding_sphere, most_pieces, strengths};
+use super::distances::Distances;
 use super::regions::{RegionLooks, Tables};
 use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::error::{Error, Result, remedies};
@@ -252,6 +253,7 @@ pub struct RaycastPass {
     lighting_map: Option<(LightingMap, wgpu::TextureView)>,
     looks: Vec<Look>,
     tables: Tables,
+    distances: Distances,
     region_looks: Vec<RegionLooks>,
     patch: Option<ShaderPatch>,
 }
@@ -277,6 +279,8 @@ struct Shared {
     textures: [wgpu::TextureView; 4],
     /// Bindings 16 and 17, of `shaders/bind/functions.wgsl`.
     functions: Option<(wgpu::Buffer, wgpu::TextureView)>,
+    /// Bindings 23 and 24, of `shaders/bind/rows.wgsl`.
+    rows: Option<[wgpu::TextureView; 2]>,
     cuts: bool,
     bodies: Option<MovedBodies>,
 }
@@ -349,6 +353,7 @@ impl RaycastPass {
             lighting_map: None,
             looks: Vec::new(),
             tables: Tables::default(),
+            distances: Distances::default(),
             region_looks: Vec::new(),
             patch,
         }
@@ -377,6 +382,7 @@ impl RaycastPass {
             regions: false,
             labels: false,
             functions: false,
+            rows: false,
             cuts: false,
             bodies: false,
             many_bodies: false,
@@ -402,6 +408,7 @@ impl RaycastPass {
                 regions: true,
                 labels,
                 functions: s.functions.is_some(),
+                rows: s.rows.is_some(),
                 cuts: s.cuts || s.bodies.is_some(),
                 bodies: s.bodies.is_some(),
                 many_bodies: s.bodies.as_ref().is_some_and(|b| b.count > FEW_BODIES),
@@ -453,6 +460,9 @@ impl RaycastPass {
             if let Some((uniform, may_show)) = &shared.functions {
                 entries.push(wgpu::BindGroupEntry { binding: 16, resource: uniform.as_entire_binding() });
                 entries.push(texture_entry(17, may_show));
+            }
+            if let Some(rows) = &shared.rows {
+                entries.extend((23..).zip(rows).map(|(i, view)| texture_entry(i, view)));
             }
             if let Some(bodies) = &shared.bodies {
                 entries.push(wgpu::BindGroupEntry { binding: 18, resource: bodies.uniform.as_entire_binding() });
@@ -530,9 +540,8 @@ impl RaycastPass {
         };
         let looks = &mut self.region_looks[i];
         looks.update(context, object, resident, regions)?;
-        let gradient = object.volume.grid.world_gradient_from_index();
         let [rounds_per_piece, _] = looks.rounds(regions);
-        let uniform = looks.uniform(regions, gradient);
+        let uniform = looks.uniform(object, regions);
         let functions = looks.functions().map(|(uniform, may_show)| {
             (uniform_buffer(context, "functions", bytemuck::bytes_of(&uniform)), may_show.clone())
         });
@@ -545,6 +554,7 @@ impl RaycastPass {
                 strengths: strengths(context, object),
             }
         });
+        let rows = looks.rows.clone().map(|rows| [rows, self.distances.get(context, object)]);
         let [directory, entries, atlas] = regions.views();
         Ok(Bound {
             uniform: object_uniform(scene, object, resident, looks.table(), &looks.function),
@@ -555,6 +565,7 @@ impl RaycastPass {
                 uniform: uniform_buffer(context, "regions", bytemuck::bytes_of(&uniform)),
                 textures: [directory, entries, atlas, looks.region_looks.clone()],
                 functions,
+                rows,
                 cuts: looks.cuts,
                 bodies,
             }),
@@ -795,7 +806,7 @@ fn object_uniform(
 }
 
 /// How a function is drawn, as the shader has it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct FunctionDrawing {
     /// Width of contours in figure points, 0 without any.
     pub contour_pt: f32,
@@ -882,6 +893,11 @@ fn make_pipeline(
                 entry(16, uniform_binding()),
                 entry(17, texture_binding(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)),
             ]);
+        }
+        if key.rows {
+            let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
+            entries.push(entry(23, texture_binding(unfilterable, wgpu::TextureViewDimension::D2)));
+            entries.push(entry(24, filterable));
         }
         if key.lit {
             let filtered = wgpu::TextureSampleType::Float { filterable: true };

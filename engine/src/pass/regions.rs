@@ -13,7 +13,8 @@ use crate::gpu::upload::{ResidentVolume, extent};
 use crate::scene::lighting::MAX_LIGHTS;
 use crate::scene::quality::PARTS;
 use crate::scene::region::MAX_OPACITY_FUNCTIONS;
-use crate::scene::{Borders, Look, Object, Role, StyleTransferFunction};
+use crate::scene::{Axis, Borders, Look, Object, Role, StyleTransferFunction};
+use crate::selection::DistanceField;
 use crate::volume::Volume;
 
 /// Cells along each axis of what tells whether anything shows between two values.
@@ -56,6 +57,8 @@ pub struct RegionsUniform {
     pad0: f32,
     world_z: [f32; 3],
     pad1: f32,
+    distance_scale: [f32; 3],
+    pad2: f32,
 }
 }
 
@@ -71,8 +74,12 @@ pub struct RegionLooks {
     pub cuts: bool,
     /// The function of what shows first: the only one, where there are not several.
     pub function: StyleTransferFunction,
-    /// Three texels a look, the looks of each body one after the other.
+    /// Three texels a look, the looks of each body one after the other, then those of further rows.
     pub region_looks: wgpu::TextureView,
+    /// Where looks have rows, what they go by: see `shaders/bind/rows.wgsl`.
+    pub rows: Option<wgpu::TextureView>,
+    /// Most gaps between the rows of a look.
+    most_gaps: u32,
     /// The styles of the nodes, a row for each different list of them.
     pub node_layers: wgpu::TextureView,
     /// The tables, one a different function.
@@ -131,7 +138,7 @@ impl Drawn {
 
 /// Whether a look's function gives opacity to anything.
 fn shows(look: &Look) -> bool {
-    look.transfer_function.nodes.iter().any(|n| n.opacity > 0.0)
+    look.transfer_function.all_nodes().any(|n| n.opacity > 0.0)
 }
 
 /// Tables that were made, so that one that changes costs one.
@@ -159,6 +166,106 @@ impl Tables {
         }
         self.0.push((function.clone(), lengths, made.clone()));
         made
+    }
+}
+
+/// What looks have in common that are being made.
+#[derive(Default)]
+struct MadeLooks {
+    /// How the function of what shows first is drawn.
+    visible: FunctionDrawing,
+    /// Whether any is drawn otherwise.
+    is_drawn_unlike: bool,
+    /// The different functions from value to opacity.
+    layers: Vec<StyleTransferFunction>,
+    /// The different lists of nodes' styles.
+    node_rows: Vec<Vec<u32>>,
+    texels: Vec<[f32; 4]>,
+}
+
+/// What a row of a look has of it.
+struct MadeLook {
+    /// d₀ of the object, mm.
+    d0: f64,
+    opacity: f64,
+    tint: Option<[f32; 3]>,
+}
+
+impl MadeLooks {
+    /// The three texels of a row of a look, and the bit of its function.
+    fn row(
+        &mut self,
+        function: StyleTransferFunction,
+        MadeLook { d0, opacity, tint }: MadeLook,
+    ) -> ([[f32; 4]; 3], u32) {
+        let styles: Vec<u32> = function.nodes.iter().map(|n| n.style as u32).collect();
+        let row = self.node_rows.iter().position(|r| *r == styles).unwrap_or_else(|| {
+            self.node_rows.push(styles);
+            self.node_rows.len() - 1
+        });
+        let drawn = FunctionDrawing::of(&function);
+        self.is_drawn_unlike |= drawn != self.visible;
+        let lengths = d0 / function.reference_length_mm;
+        let layer = self.layers.iter().position(|f| f.same_opacity(&function)).unwrap_or_else(|| {
+            self.layers.push(function);
+            self.layers.len() - 1
+        });
+        let ([red, green, blue], opacity) = (tint.unwrap_or_default(), 1.0 + opacity as f32);
+        let [r, g, b, own] = drawn.ink;
+        let texels = [
+            [red, green, blue, if tint.is_some() { opacity } else { -opacity }],
+            [layer as f32, lengths as f32, row as f32, drawn.contour_pt],
+            [r, g, b, own + if drawn.transparency { 2.0 } else { 0.0 }],
+        ];
+        (texels, 1 << layer)
+    }
+}
+
+/// What looks' rows go by, as `shaders/bind/rows.wgsl` has it: two texels for each look, then one for each gap between rows.
+#[derive(Default)]
+struct RowTexels {
+    looks: Vec<[f32; 4]>,
+    gaps: Vec<[f32; 4]>,
+    most_gaps: u32,
+}
+
+impl RowTexels {
+    /// The next look's. `first_further`: position of the look that its second row is.
+    fn add(&mut self, function: &StyleTransferFunction, first_further: u32) {
+        let first_gap = self.gaps.len() as f32;
+        let places: Vec<f64> = function.across.iter().flat_map(|across| across.places()).collect();
+        let gap = |pair: &[f64]| [pair[0] as f32, (1.0 / (pair[1] - pair[0])) as f32, 0.0, 0.0];
+        self.gaps.extend(places.windows(2).map(gap));
+        let num_gaps = places.len().saturating_sub(1) as u32;
+        self.most_gaps = self.most_gaps.max(num_gaps);
+        let mut goes_by = [0.0; 4];
+        let place = match function.across.as_ref().map(|across| across.axis) {
+            Some(Axis::Distance(field)) => {
+                goes_by[field] = 1.0;
+                -1.0
+            }
+            Some(Axis::Even(place)) => {
+                goes_by[0] = place as f32;
+                1.0
+            }
+            Some(Axis::Edge) | None => 0.0,
+        };
+        self.looks.push([first_further as f32, first_gap, num_gaps as f32, place]);
+        self.looks.push(goes_by);
+    }
+
+    /// Texels along x, y, z.
+    fn size(&self) -> [usize; 3] {
+        [LIST_WIDTH, (self.looks.len() + self.gaps.len()).div_ceil(LIST_WIDTH).max(1), 1]
+    }
+
+    fn finish(mut self) -> Vec<[f32; 4]> {
+        let [width, height, _] = self.size();
+        let first = self.looks.len() as f32;
+        self.looks.chunks_mut(2).for_each(|look| look[0][1] += first);
+        self.looks.append(&mut self.gaps);
+        self.looks.resize(width * height, [0.0; 4]);
+        self.looks
     }
 }
 
@@ -199,40 +306,35 @@ impl RegionLooks {
             shown.push(std::iter::once(Some(&background)).chain(resting).collect());
         }
         let all = || shown.iter().flatten();
-        let mut layers: Vec<&StyleTransferFunction> = Vec::new();
-        let mut rows: Vec<Vec<u32>> = Vec::new();
         let d0 = object.reference_length_mm();
-        let mut texels: Vec<[f32; 4]> = Vec::new();
-        let mut bits = Vec::new();
-        let mut is_drawn_alike = true;
         // A look that shows nothing has whatever function another one has.
         let visible = all().flatten().find(|look| shows(look)).map_or(&background, |look| *look);
+        let mut made = MadeLooks { visible: FunctionDrawing::of(&visible.transfer_function), ..MadeLooks::default() };
+        let mut bits = Vec::new();
+        let mut further = Vec::new();
+        let mut rows = RowTexels::default();
+        let first_further = all().count();
         for look in all() {
             let seen = look.filter(|look| shows(look));
             let function = &seen.unwrap_or(visible).transfer_function;
-            let layer = layers.iter().position(|f| f.same_opacity(function)).unwrap_or_else(|| {
-                layers.push(function);
-                layers.len() - 1
-            });
-            let styles: Vec<u32> = function.nodes.iter().map(|n| n.style as u32).collect();
-            let row = rows.iter().position(|r| *r == styles).unwrap_or_else(|| {
-                rows.push(styles);
-                rows.len() - 1
-            });
-            let lengths = d0 / function.reference_length_mm;
             let opacity = seen.map_or(0.0, |look| look.opacity);
-            bits.push(if opacity > 0.0 { 1 << layer } else { 0 });
             let tint = look.and_then(|look| look.tint);
-            let ([r, g, b], opacity) = (tint.unwrap_or_default(), 1.0 + opacity as f32);
-            texels.push([r, g, b, if tint.is_some() { opacity } else { -opacity }]);
-            let drawn = FunctionDrawing::of(function);
-            is_drawn_alike &= drawn == FunctionDrawing::of(&visible.transfer_function);
-            let [r, g, b, own] = drawn.ink;
-            texels.push([layer as f32, lengths as f32, row as f32, drawn.contour_pt]);
-            texels.push([r, g, b, own + if drawn.transparency { 2.0 } else { 0.0 }]);
+            rows.add(function, (first_further + further.len()) as u32);
+            let mut own_bits = 0;
+            for (i, row) in function.rows().enumerate() {
+                let of_row = MadeLook { d0, opacity, tint };
+                let (texels, bit) = made.row(row, of_row);
+                own_bits |= bit;
+                if i == 0 { made.texels.extend(texels) } else { further.push(texels) }
+            }
+            bits.push(if opacity > 0.0 { own_bits } else { 0 });
         }
+        let MadeLooks { layers, node_rows, mut texels, is_drawn_unlike, .. } = made;
+        texels.extend(further.into_iter().flatten());
+        let has_rows = object.has_rows();
         let factor = |look: &Option<&Look>| look.filter(|look| shows(look)).map_or(0.0, |look| look.opacity);
-        let cuts = layers.len() > 1 || all().any(|look| factor(look) != factor(&shown[0][0]));
+        let differs = layers.len() > 1 || all().any(|look| factor(look) != factor(&shown[0][0]));
+        let cuts = differs && !object.regions.is_empty();
         let layers: Vec<Arc<TransferTable>> = layers
             .iter()
             .map(|function| tables.get(object, resident, function, in_steps(lengths_mm / function.reference_length_mm)))
@@ -242,13 +344,13 @@ impl RegionLooks {
         texels.resize(three[0] * three[1], [0.0; 4]);
         let texels = bytemuck::cast_slice(&texels);
         let plain = |texture: wgpu::Texture| texture.create_view(&Default::default());
-        let width = rows.iter().map(Vec::len).max().unwrap_or(1);
-        let nodes: Vec<u32> = rows.iter().flat_map(|row| (0..width).map(|i| row[i.min(row.len() - 1)])).collect();
-        let node_size = extent([width, rows.len(), 1]);
+        let width = node_rows.iter().map(Vec::len).max().unwrap_or(1);
+        let nodes: Vec<u32> = node_rows.iter().flat_map(|row| (0..width).map(|i| row[i.min(row.len() - 1)])).collect();
+        let node_size = extent([width, node_rows.len(), 1]);
         let uint = wgpu::TextureFormat::R32Uint;
         let node_layers = small_texture(context, "node layers", node_size, two, uint, bytemuck::cast_slice(&nodes));
         let entries: Vec<[f32; 4]> = layers.iter().flat_map(|t| &t.entries).copied().collect();
-        let has_functions = layers.len() > 1 || rows.len() > 1 || !is_drawn_alike;
+        let has_functions = layers.len() > 1 || node_rows.len() > 1 || is_drawn_unlike || has_rows;
         let table_size = extent([TABLE_SIZE, TABLE_SIZE, layers.len()]);
         let made = small_texture(context, "transfer functions", table_size, two, float, bytemuck::cast_slice(&entries));
         let functions = has_functions.then(|| {
@@ -264,9 +366,16 @@ impl RegionLooks {
         });
         let bits: Vec<Vec<u32>> = bits.chunks(1 + object.regions.len()).map(<[u32]>::to_vec).collect();
         let places = Places::new(context, object, regions, &showing(&bits, &layers, resident, leaps))?;
+        let most_gaps = rows.most_gaps;
+        let rows = has_rows.then(|| {
+            let size = rows.size();
+            plain(small_texture(context, "rows", extent(size), two, float, bytemuck::cast_slice(&rows.finish())))
+        });
         Ok(Self {
             lengths_mm,
             leaps,
+            rows,
+            most_gaps,
             is_lit: object.lighting.is_some(),
             borders: regions.borders(),
             drawn: Drawn::of(object),
@@ -325,8 +434,11 @@ impl RegionLooks {
         Some((uniform, &functions.may_show))
     }
 
-    /// The uniform for the atlas as it is now. `gradient`: columns take a change per voxel to one per mm of the world.
-    pub fn uniform(&self, regions: &ResidentRegions, gradient: glam::DMat3) -> RegionsUniform {
+    /// The uniform for the atlas as it is now.
+    pub fn uniform(&self, object: &Object, regions: &ResidentRegions) -> RegionsUniform {
+        let gradient = object.volume.grid.world_gradient_from_index();
+        let edge = |field: &Arc<DistanceField>, a: usize| (field.dims()[a] * field.voxels()[a]) as f32;
+        let distance_scale = |a: usize| object.distances.first().map_or(1.0, |field| 1.0 / edge(field, a));
         let column = |v: glam::DVec3| v.as_vec3().to_array();
         let [rounds_per_piece, rounds_per_look] = self.rounds(regions);
         RegionsUniform {
@@ -338,6 +450,8 @@ impl RegionLooks {
             pad0: 0.0,
             world_z: column(gradient.z_axis),
             pad1: 0.0,
+            distance_scale: std::array::from_fn(distance_scale),
+            pad2: 0.0,
         }
     }
 
@@ -346,9 +460,11 @@ impl RegionLooks {
         // A look goes over the brick's list and the background, and so does the face of a piece; with labels the face alone.
         let list = regions.longest_list + 1;
         let shade = if self.is_lit { 1 + MAX_LIGHTS as u32 } else { 1 };
-        let look = 2 + shade * if self.borders == Borders::Exact { list } else { 1 };
+        // Two rows of a look at a time, each after all of its gaps were gone through.
+        let (rows, gaps) = if self.rows.is_some() { (2, self.most_gaps) } else { (1, 0) };
+        let look = 2 + rows * (shade + gaps) * if self.borders == Borders::Exact { list } else { 1 };
         let num_layers = if self.functions.is_some() { self.layers.len() as u32 } else { 0 };
-        let own = num_layers + list + (PARTS + 1) * (1 + look);
+        let own = num_layers + list * (1 + gaps) + (PARTS + 1) * (1 + look);
         let num_bodies = self.drawn.bodies.len() as u32;
         if num_bodies == 1 {
             // Those of the march, of the layers that are asked whether they show the piece, and of each part.

@@ -14,7 +14,8 @@ use crate::reference::sample::trilinear;
 use crate::reference::style::{
     Face, RayFrame, at_node, face_normal, ray_frame, shade, steepness, style_level, style_normal,
 };
-use crate::scene::{Body, Object, Role, Scene, StyleTransferFunction};
+use crate::scene::across::Between;
+use crate::scene::{Across, Axis, Body, Object, Role, Scene, StyleTransferFunction};
 use crate::volume::bricks::BRICK;
 
 /// Length of a piece of the ray, in voxels.
@@ -39,7 +40,9 @@ pub struct Shown {
     pub region: Option<usize>,
     /// Where it is seen, mm along the ray.
     pub t: f64,
-    /// Node coordinate of its transfer function.
+    /// Row of its transfer function.
+    pub row: usize,
+    /// Node coordinate in it.
     pub node: f64,
     /// Its part of the piece's opacity.
     pub opacity: f64,
@@ -47,16 +50,19 @@ pub struct Shown {
     ends: [f64; 2],
 }
 
-/// A look at a piece of the ray, and what it would show of it if all of the place were its own.
+/// A row of a look at a piece of the ray, and what it would show of it if all of the place were its own.
 struct Classed {
     region: Option<usize>,
-    /// w: its share of the place.
+    row: usize,
+    /// Its share of the place.
     share: f64,
     /// Where it is seen, mm along the ray.
     t: f64,
     node: f64,
     /// α_u of one of its reference lengths.
     opacity: f64,
+    /// That of whichever row of its look shows most.
+    most: f64,
 }
 
 /// How a place is shared out: the background's share, and regions'.
@@ -362,38 +368,73 @@ impl<'a> Line<'a> {
     fn classify_all(&self, part: &Part<'a>, ends: [f64; 2], values: [f64; 2]) -> Vec<Classed> {
         let middle = part.at(0.5 * (ends[0] + ends[1]));
         let shares = part.shares(self.object, middle);
-        shares.into_iter().map(|(region, share)| self.classify(part, region, share, ends, values)).collect()
+        let mut classed = Vec::with_capacity(shares.len());
+        for (region, share) in shares {
+            let (function, factor) = part.look(self.object, region);
+            let shows = |row: &StyleTransferFunction| {
+                factor * row.max_opacity(values[0].min(values[1]), values[0].max(values[1])) > 0.0
+            };
+            match &function.across {
+                Some(across) if share > 0.0 && shows(function) => {
+                    let Between { lower, upper, weight } = across.between(self.second_coordinate(part, across, middle));
+                    let rows: Vec<_> =
+                        function.rows().map(|row| self.classify(&row, shows(&row), ends, values)).collect();
+                    let most = rows.iter().map(|row| row.0).fold(0.0, f64::max);
+                    for (row, of_row) in [(lower, 1.0 - weight), (upper, weight)] {
+                        let (opacity, t, node) = rows[row];
+                        classed.push(Classed { region, row, share: share * of_row, t, node, opacity, most });
+                    }
+                }
+                _ => {
+                    // The quadrature is for what shows something.
+                    let (opacity, t, node) = self.classify(function, shows(function), ends, values);
+                    classed.push(Classed { region, row: 0, share, t, node, opacity, most: opacity });
+                }
+            }
+        }
+        classed
     }
 
-    /// What a look makes of the piece between two places (mm) with two values.
+    /// Where a place (index space) is on the second coordinate of a function.
+    fn second_coordinate(&self, part: &Part<'a>, across: &Across, p: DVec3) -> f64 {
+        match across.axis {
+            Axis::Even(place) => place,
+            Axis::Edge => self.gradient_at(part, p).length().min(1.0),
+            Axis::Distance(field) => {
+                let field = &self.object.distances[field];
+                let [nx, ny, _] = field.dims();
+                let cell = (p + 0.5) / DVec3::from_array(field.voxels().map(|n| n as f64)) - 0.5;
+                trilinear(field.dims(), cell, |x, y, z| field.values()[x + nx * (y + ny * z)].to_f64())
+            }
+        }
+    }
+
+    /// What a row makes of the piece between two places (mm) with two values, if anything: opacity of one of its reference lengths,
+    /// where it is seen (mm), and node coordinate.
     fn classify(
         &self,
-        part: &Part<'a>,
-        region: Option<usize>,
-        share: f64,
+        row: &StyleTransferFunction,
+        shows: bool,
         [start, end]: [f64; 2],
         [front, back]: [f64; 2],
-    ) -> Classed {
-        let (function, factor) = part.look(self.object, region);
-        // The quadrature is for what shows something.
-        if factor * function.max_opacity(front.min(back), front.max(back)) <= 0.0 {
-            return Classed { region, share, t: start, node: 0.0, opacity: 0.0 };
+    ) -> (f64, f64, f64) {
+        if !shows {
+            return (0.0, start, 0.0);
         }
-        let found = classify_piece(function, front, back, (end - start) / function.reference_length_mm);
-        let opacity = -(-found.extinction).exp_m1();
-        Classed { region, share, t: start + found.middle * (end - start), node: found.node, opacity }
+        let found = classify_piece(row, front, back, (end - start) / row.reference_length_mm);
+        (-(-found.extinction).exp_m1(), start + found.middle * (end - start), found.node)
     }
 
     /// Whether all styles that are seen there are opaque: its normal does not matter then.
     fn is_solid(&self, part: &Part<'a>, of: &Classed) -> bool {
-        let class = at_node(part.look(self.object, of.region).0, of.node, of.opacity);
+        let class = at_node(&part.look(self.object, of.region).0.row(of.row), of.node, of.opacity);
         class.styles.iter().all(|style| self.is_solid[*style])
     }
 
     /// The face that regions make at the middle of a piece, as the part lies, where the data have none of their own.
     fn cut(&self, part: &Part<'a>, classed: &[Classed], [start, end]: [f64; 2]) -> Face {
         let none = Face { normal: DVec3::ZERO, weight: 0.0 };
-        let shows = |c: &Classed| part.look(self.object, c.region).1 * c.opacity;
+        let shows = |c: &Classed| part.look(self.object, c.region).1 * c.most;
         let middle = 0.5 * (start + end);
         let is_alike = classed.windows(2).all(|pair| shows(&pair[0]) == shows(&pair[1]));
         if is_alike || part.is_even(self.object, part.at(middle)) {
@@ -410,10 +451,15 @@ impl<'a> Line<'a> {
 
     /// ĝ at `t`, as the part lies.
     fn gradient(&self, part: &Part<'a>, t: f64) -> DVec3 {
+        self.gradient_at(part, part.at(t))
+    }
+
+    /// ĝ at an index position, as the part lies.
+    fn gradient_at(&self, part: &Part<'a>, p: DVec3) -> DVec3 {
         let volume = &self.object.volume;
         let to_world = volume.grid.world_gradient_from_index();
         let sigma = DVec3::splat(self.object.gradient_scale_mm) / volume.grid.spacing_mm();
-        part.turned(self.field.gradient(part.at(t), sigma, to_world) / volume.gradient_max())
+        part.turned(self.field.gradient(p, sigma, to_world) / volume.gradient_max())
     }
 
     /// The face at `t` of the volume and of regions, as the part lies.
@@ -428,7 +474,7 @@ impl<'a> Line<'a> {
         let camera = &self.scene.camera;
         let (function, factor) = part.look(self.object, of.region);
         let alpha_d = cut.map_or(1.0, |cut| {
-            let class = at_node(function, of.node, of.opacity);
+            let class = at_node(&function.row(of.row), of.node, of.opacity);
             let gradient = self.gradient(part, of.t);
             let face = self.face(part, of.t, cut);
             let n_xy = style_normal(gradient, face, self.ray.direction, &self.frame);
@@ -439,6 +485,6 @@ impl<'a> Line<'a> {
         let alpha = factor * alpha_d * of.opacity * self.field.has_data(part.at(of.t));
         let lengths = self.reference_length_mm / function.reference_length_mm;
         let opacity = of.share * opacity_correct(alpha, lengths);
-        Shown { part: number, region: of.region, t: of.t, node: of.node, opacity, ends }
+        Shown { part: number, region: of.region, t: of.t, row: of.row, node: of.node, opacity, ends }
     }
 }

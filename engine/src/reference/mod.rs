@@ -30,6 +30,7 @@ pub use walk::March;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::scene::{Borders, Object, Scene};
+use crate::selection::DistanceField;
 use crate::volume::Voxel;
 use crate::volume::no_data::fill_no_data;
 use crate::with_voxels;
@@ -206,6 +207,7 @@ fn prepare<'a>(scene: &'a Scene, object: &'a Object) -> Result<Prepared<'a>> {
         data,
         validity,
         world_gradient_from_index,
+        distances: object.distances.iter().map(|field| distances(field)).collect(),
         labels: has_labels.then(|| Labels::new(&object.regions)),
         value_range: object.data_range(),
         bodies: prepare_bodies(object),
@@ -215,6 +217,12 @@ fn prepare<'a>(scene: &'a Scene, object: &'a Object) -> Result<Prepared<'a>> {
         has_contours: object.has_contours(),
         page_height_pt: scene.page_height_mm / 25.4 * 72.0,
     })
+}
+
+/// A field of distances, mm, and the voxels along the edges of its cells.
+fn distances(field: &DistanceField) -> (Lattice, glam::DVec3) {
+    let values = field.values().iter().map(|mm| mm.to_f64()).collect();
+    (Lattice { dims: field.dims(), values }, glam::DVec3::from_array(field.voxels().map(|n| n as f64)))
 }
 
 #[cfg(test)]

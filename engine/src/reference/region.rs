@@ -7,7 +7,7 @@ use glam::{DMat3, DVec3};
 
 use super::sample::{Lattice, sample_volume};
 use super::style::Face;
-use crate::scene::{self, Region, StyleTransferFunction};
+use crate::scene::{self, Axis, Region, StyleTransferFunction};
 
 /// ‖ĝ‖ up to which the end of a region makes a face, and from which on the data's own surface does.
 const NO_MATERIAL_EDGE: f64 = 0.025;
@@ -20,8 +20,10 @@ const SHARP_END: f64 = 0.25;
 pub struct Look<'a> {
     /// f per voxel; none for the background, which has what is left.
     pub membership: Option<Arc<Lattice>>,
-    /// Value → style and opacity.
+    /// Value, and a second coordinate, → style and opacity.
     pub transfer_function: &'a StyleTransferFunction,
+    /// Its rows, each by itself: but one, where it has no second coordinate.
+    pub rows: Arc<Vec<StyleTransferFunction>>,
     /// Takes the place of the styles' colors.
     pub tint: Option<DVec3>,
     /// Factor of opacity.
@@ -31,7 +33,8 @@ pub struct Look<'a> {
 impl<'a> Look<'a> {
     /// Of what belongs to no region.
     pub fn background(transfer_function: &'a StyleTransferFunction) -> Self {
-        Self { membership: None, transfer_function, tint: None, opacity: 1.0 }
+        let rows = Arc::new(transfer_function.rows().collect());
+        Self { membership: None, transfer_function, rows, tint: None, opacity: 1.0 }
     }
 
     /// f of a region, voxel by voxel.
@@ -47,9 +50,28 @@ impl<'a> Look<'a> {
         Self {
             membership: Some(membership),
             transfer_function: &look.transfer_function,
+            rows: Arc::new(look.transfer_function.rows().collect()),
             tint: look.tint.map(|tint| DVec3::from_array(tint.map(f64::from))),
             opacity: look.opacity,
         }
+    }
+
+    /// The rows that share out a place, and their shares, each above 0. `edge` = ‖ĝ‖ there, `distance` gives that of a field in mm.
+    pub fn rows_at(&self, edge: f64, distance: impl Fn(usize) -> f64) -> Vec<(usize, f64)> {
+        let Some(across) = &self.transfer_function.across else { return vec![(0, 1.0)] };
+        let place = match across.axis {
+            Axis::Edge => edge.min(1.0),
+            Axis::Distance(field) => distance(field),
+            Axis::Even(place) => place,
+        };
+        // Hats: each row's share falls to 0 at its neighbors, and goes on beyond the outermost.
+        let at: Vec<f64> = across.places().collect();
+        let share = |row: usize| {
+            let from_below = if row == 0 { 1.0 } else { (place - at[row - 1]) / (at[row] - at[row - 1]) };
+            let from_above = at.get(row + 1).map_or(1.0, |next| (next - place) / (next - at[row]));
+            from_below.min(from_above).clamp(0.0, 1.0)
+        };
+        (0..at.len()).map(|row| (row, share(row))).filter(|(_, share)| *share > 0.0).collect()
     }
 }
 

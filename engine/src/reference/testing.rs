@@ -68,6 +68,7 @@ pub(crate) fn scene(
             regions: Vec::new(),
             lighting: None,
             gradient_scale_mm: 0.0,
+            distances: Vec::new(),
         }],
         styles: styles.into_iter().map(Arc::new).collect(),
         camera,

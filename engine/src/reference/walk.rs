@@ -19,7 +19,7 @@ use super::style::{
     style_level, style_normal, surface_normal,
 };
 use crate::scene::quality::PARTS;
-use crate::scene::{Borders, Camera, Quality};
+use crate::scene::{Borders, Camera, Quality, StyleTransferFunction};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
 
@@ -42,6 +42,8 @@ pub struct Prepared<'a> {
     pub world_gradient_from_index: DMat3,
     /// Smallest and largest data value.
     pub value_range: (f64, f64),
+    /// Fields that second coordinates go by, in mm, and the voxels along the edges of their cells.
+    pub distances: Vec<(Lattice, DVec3)>,
     /// For the twin of borders by two look-ups.
     pub labels: Option<Labels>,
     /// What rests, and what was moved.
@@ -113,8 +115,12 @@ pub fn composite(front: [f64; 4], back: [f64; 4]) -> [f64; 4] {
     std::array::from_fn(|c| front[c] + clear * back[c])
 }
 
-/// Where a look is seen and as what.
-struct SeenAt {
+/// Where a row of a look is seen and as what.
+struct SeenAt<'a> {
+    /// Its own function.
+    row: &'a StyleTransferFunction,
+    /// What it has of the look's share.
+    share: f64,
     /// Along the ray, mm.
     t: f64,
     class: Classification,
@@ -204,11 +210,11 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// The straight linear color at `p`: of the voxels around it, each as far as the look's transfer function shows it. Alpha at
+    /// The straight linear color at `p`: of the voxels around it, each as far as the row's function shows it. Alpha at
     /// `p` is above 0.
-    fn seen_color(&self, colors: &Colors, look: &Look<'_>, p: DVec3) -> DVec3 {
+    fn seen_color(&self, colors: &Colors, row: &StyleTransferFunction, p: DVec3) -> DVec3 {
         let shown = trilinear(colors.voxels.dims, p, |x, y, z| {
-            let opacity = classify(look.transfer_function, self.object.data.at(x, y, z)).opacity;
+            let opacity = classify(row, self.object.data.at(x, y, z)).opacity;
             colors.voxels.at(x, y, z) * (opacity + UNSEEN)
         });
         shown.truncate() / shown.w
@@ -219,9 +225,17 @@ impl<'a> Line<'a> {
         self.object.has_contours.then(|| self.slope(t - self.object.reference_length_mm))
     }
 
-    /// Straight linear color and opacity, for one reference length of the object, of what a look has there.
-    fn appearance(&self, look: &Look<'_>, seen: &SeenAt, cut: Face) -> Option<([f64; 3], f64)> {
-        let SeenAt { t, ref class, gradient, before } = *seen;
+    /// The rows that share out what a look has at `t`, with their shares; `gradient`: ĝ there.
+    fn rows_at(&self, look: &Look<'_>, t: f64, gradient: DVec3) -> Vec<(usize, f64)> {
+        look.rows_at(gradient.length(), |field| {
+            let (distances, voxels) = &self.object.distances[field];
+            sample_volume(distances, (self.at(t) + 0.5) / *voxels - 0.5)
+        })
+    }
+
+    /// Straight linear color and opacity, for one reference length of the object, of what a row of a look has there.
+    fn appearance(&self, look: &Look<'_>, seen: &SeenAt<'_>, cut: Face) -> Option<([f64; 3], f64)> {
+        let SeenAt { row: function, t, ref class, gradient, before, .. } = *seen;
         if class.opacity <= 0.0 {
             return None;
         }
@@ -233,7 +247,6 @@ impl<'a> Line<'a> {
         let depth_mm = (self.ray.origin_mm + t * self.ray.direction - self.camera.eye_mm).dot(self.camera.forward);
         let steepness = steepness(gradient, face);
         let level = style_level(self.camera, self.image_height, depth_mm, self.body.spacing_mm, steepness);
-        let function = look.transfer_function;
         // c, and of an ink of its own which it is and how much of it there is.
         let (mut c, mut ink, mut n_xy) = (0.0, None, n_xy);
         if let (Some(contours), Some(before)) = (function.contours, before) {
@@ -263,7 +276,7 @@ impl<'a> Line<'a> {
                 if voxel_alpha <= 0.0 {
                     return None;
                 }
-                (self.seen_color(colors, look, p) * luminance(style), voxel_alpha)
+                (self.seen_color(colors, function, p) * luminance(style), voxel_alpha)
             }
         };
         let mut color = look.tint.map_or(light, |tint| tint * luminance(light.to_array()));
@@ -281,7 +294,7 @@ impl<'a> Line<'a> {
             class.opacity
         };
         let alpha = look.opacity * alpha_d * alpha_u * has_data * voxel_alpha;
-        let lengths = self.object.reference_length_mm / look.transfer_function.reference_length_mm;
+        let lengths = self.object.reference_length_mm / function.reference_length_mm;
         Some((color.to_array(), opacity_correct(alpha, lengths)))
     }
 
@@ -299,9 +312,9 @@ impl<'a> Line<'a> {
         })
     }
 
-    /// What shows of a stretch: of each look what `seen` says. The looks share the place at `t` (mm); `cut` is the face that the regions
+    /// What shows of a stretch: of each look, and each of its rows there, what `seen` says. The looks share the place at `t` (mm); `cut` is the face that the regions
     /// make there. Straight color, opacity of a reference length, and what the looks have of the place.
-    fn see(&self, t: f64, seen: &[SeenAt], cut: Face) -> (DVec3, f64, f64) {
+    fn see(&self, t: f64, seen: &[Vec<SeenAt<'_>>], cut: Face) -> (DVec3, f64, f64) {
         let looks = &self.body.looks;
         let mut shown = [0.0; 4];
         let mut present = 0.0;
@@ -310,9 +323,11 @@ impl<'a> Line<'a> {
                 continue;
             }
             present += if look.opacity > 0.0 { share } else { 0.0 };
-            if let Some(([red, green, blue], alpha)) = self.appearance(look, seen, cut) {
-                let weight = share * alpha;
-                [red, green, blue, 1.0].iter().zip(&mut shown).for_each(|(c, sum)| *sum += weight * c);
+            for row in seen {
+                if let Some(([red, green, blue], alpha)) = self.appearance(look, row, cut) {
+                    let weight = share * row.share * alpha;
+                    [red, green, blue, 1.0].iter().zip(&mut shown).for_each(|(c, sum)| *sum += weight * c);
+                }
             }
         }
         let [r, g, b, alpha] = shown;
@@ -368,15 +383,23 @@ pub fn march(
             let of_body = |body: &usize| {
                 let line = &lines[*body];
                 let value = line.value(t);
-                let class = |look: &Look<'_>| classify(look.transfer_function, value);
-                let classes: Vec<_> = line.body.looks.iter().map(class).collect();
-                if classes.iter().all(|class| class.opacity <= 0.0) {
+                let looks = &line.body.looks;
+                let most =
+                    |look: &Look<'_>| look.rows.iter().map(|row| classify(row, value).opacity).fold(0.0, f64::max);
+                if looks.iter().all(|look| most(look) <= 0.0) {
                     return None;
                 }
                 let gradient = line.gradient(&line.slope(t));
-                let cut = line.cut(t, line.body.cut_looks.iter().map(|look| class(look).opacity));
+                let cut = line.cut(t, line.body.cut_looks.iter().map(most));
                 let before = line.slope_before(t).map(|slope| line.gradient(&slope));
-                let seen: Vec<_> = classes.into_iter().map(|class| SeenAt { t, class, gradient, before }).collect();
+                let mut seen = Vec::with_capacity(looks.len());
+                for look in looks {
+                    let of_row = |(row, share): (usize, f64)| {
+                        let row = &look.rows[row];
+                        SeenAt { row, share, t, class: classify(row, value), gradient, before }
+                    };
+                    seen.push(line.rows_at(look, t, gradient).into_iter().map(of_row).collect::<Vec<_>>());
+                }
                 let (color, alpha, share) = line.see(t, &seen, cut);
                 Some(Shown { body: *body, color, alpha, share, value: line.within_range(value) })
             };
@@ -477,7 +500,11 @@ impl<'a> PieceOf<'a> {
     /// None where nothing shows.
     fn new(line: &'a Line<'a>, body: usize, start: f64, end: f64) -> Option<Self> {
         let ends = [line.value(start), line.value(end)];
-        let extinction = |look: &Look<'_>| classify_piece(look.transfer_function, ends[0], ends[1], 1.0).extinction;
+        // Of what shows most of its rows: which of them are there is not asked.
+        let extinction = |look: &Look<'_>| {
+            let of_row = |row| classify_piece(row, ends[0], ends[1], 1.0).extinction;
+            look.rows.iter().map(of_row).fold(0.0, f64::max)
+        };
         // What a look does not show at all does not make a piece of it.
         let shows: Vec<bool> =
             line.body.looks.iter().map(|look| look.opacity > 0.0 && extinction(look) > 0.0).collect();
@@ -506,23 +533,27 @@ impl<'a> PieceOf<'a> {
         let look = |look: u32| {
             let [wa, wb] = [look, look + 1].map(|i| f64::from(i) / looks);
             let between = |w: f64| values[0] + w * (values[1] - values[0]);
-            let seen = |(look, shows): (&Look<'_>, &bool)| {
-                let function = look.transfer_function;
-                let piece = if *shows {
-                    classify_piece(function, between(wa), between(wb), length_mm / function.reference_length_mm)
+            let middle = wa.midpoint(wb);
+            let edge = line.gradient(&slopes[0].towards(&slopes[1], middle));
+            let of_row = |row: &'a StyleTransferFunction, share: f64, shows: bool| {
+                let piece = if shows {
+                    classify_piece(row, between(wa), between(wb), length_mm / row.reference_length_mm)
                 } else {
                     Piece { extinction: 0.0, node: 0.0, middle: 0.5 }
                 };
                 let w = wa + piece.middle * (wb - wa);
-                let class = at_node(function, piece.node, -(-piece.extinction).exp_m1());
+                let class = at_node(row, piece.node, -(-piece.extinction).exp_m1());
                 let t = a + w * (b - a);
                 let gradient = line.gradient(&slopes[0].towards(&slopes[1], w));
                 let within = (t - self.ends[0]) / (self.ends[1] - self.ends[0]);
                 let before = self.before.as_ref().map(|[a, b]| line.gradient(&a.towards(b, within)));
-                SeenAt { t, class, gradient, before }
+                SeenAt { row, share, t, class, gradient, before }
+            };
+            let seen = |(look, shows): (&'a Look<'a>, &bool)| -> Vec<SeenAt<'a>> {
+                let rows = line.rows_at(look, a + middle * (b - a), edge);
+                rows.into_iter().map(|(row, share)| of_row(&look.rows[row], share, *shows)).collect()
             };
             let seen: Vec<_> = line.body.looks.iter().zip(&self.shows).map(seen).collect();
-            let middle = wa.midpoint(wb);
             let (color, alpha, share) = line.see(a + middle * (b - a), &seen, self.cut);
             LookAt { color, alpha, share, weight: 1.0 / looks }
         };

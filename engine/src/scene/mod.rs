@@ -1,6 +1,7 @@
 //! The scene: plain, resolved data that the GPU passes and the f64 reference both read.
 //! The studio makes it from a document; nothing in here knows files, templates or a window.
 
+pub mod across;
 pub mod camera;
 pub mod lighting;
 pub mod moved;
@@ -12,6 +13,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+pub use across::{Across, Axis, Row};
 pub use camera::{Camera, Projection};
 pub use lighting::{Light, LightFrame, Lighting, LightingMap, LightingTable};
 pub use moved::{Body, Meeting, Meetings, Moved, Role};
@@ -20,6 +22,7 @@ pub use region::{Look, Region};
 pub use transfer_function::{Contours, StyleTransferFunction, TransferFunctionNode};
 
 use crate::error::{Error, Result};
+use crate::selection::DistanceField;
 use crate::styles::StyleImage;
 use crate::volume::Volume;
 use crate::volume::bricks::BRICK;
@@ -55,7 +58,12 @@ pub struct Object {
     /// σ_g: standard deviation, in mm, of the Gaussian that smooths the copy which gradients are taken from;
     /// 0 = central differences of the volume itself.
     pub gradient_scale_mm: f64,
+    /// Distances to surfaces that transfer functions go by, at most [`MAX_DISTANCES`].
+    pub distances: Vec<Arc<DistanceField>>,
 }
+
+/// Most fields of distances of an object: the channels of a texture.
+pub const MAX_DISTANCES: usize = 4;
 
 /// What lies behind the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,6 +92,11 @@ impl Object {
             std::iter::once(&region.look.transfer_function).chain(ghost)
         });
         std::iter::once(&self.transfer_function).chain(of_regions)
+    }
+
+    /// Whether any of its transfer functions has a second coordinate.
+    pub fn has_rows(&self) -> bool {
+        self.transfer_functions().any(|f| f.across.is_some())
     }
 
     /// Whether any of its transfer functions draws contours.
@@ -151,7 +164,7 @@ impl Scene {
     /// How far, in radians, the normal of an object's surface may turn between two looks at its style: what the quality
     /// allows the sharpest style that the object uses. Infinite where all are flat.
     pub fn largest_turn(&self, object: &Object) -> f64 {
-        let nodes = object.transfer_functions().flat_map(|f| &f.nodes);
+        let nodes = object.transfer_functions().flat_map(StyleTransferFunction::all_nodes);
         let sharpest = match &object.lighting {
             Some(lighting) => lighting.sharpness(&self.camera),
             None => nodes.map(|n| self.styles[n.style].sharpness).fold(0.0, f64::max),
@@ -193,8 +206,9 @@ impl Scene {
                     "give 0 or a positive number",
                 ));
             }
+            validate_distances(object)?;
             for function in object.transfer_functions() {
-                function.validate(self.styles.len())?;
+                function.validate(self.styles.len(), object.distances.len())?;
             }
             region::validate(object)?;
             object.lighting.as_ref().map_or(Ok(()), Lighting::validate)?;
@@ -215,4 +229,20 @@ impl Scene {
         }
         Ok(())
     }
+}
+
+fn validate_distances(object: &Object) -> Result<()> {
+    if object.distances.len() > MAX_DISTANCES {
+        return Err(Error::scene(
+            format!("the object goes by {} distances, and {MAX_DISTANCES} is the most", object.distances.len()),
+            "let functions go by the same structures",
+        ));
+    }
+    if object.distances.iter().any(|field| field.volume_dims() != object.volume.grid.dims()) {
+        return Err(Error::scene(
+            "distances are those of another grid than the volume's",
+            "make them of its selections",
+        ));
+    }
+    Ok(())
 }

@@ -46,7 +46,7 @@ pub struct Region {
 /// Most regions of an object: a label map of 16 bits has no more structures, and no brick a longer list.
 pub const MAX_REGIONS: usize = 65_535;
 
-/// Different functions from value to opacity that an object may have, its background's included: each is a megabyte on the
+/// Different functions from value to opacity that an object may have, its background's and all rows included: each is a megabyte on the
 /// adapter and a bit of the shader's mask. Styles and tints do not count.
 pub const MAX_OPACITY_FUNCTIONS: usize = 32;
 
@@ -78,9 +78,9 @@ pub(super) fn validate(object: &Object) -> Result<()> {
         }
     }
     moved::validate(object)?;
-    let mut functions: Vec<&StyleTransferFunction> = Vec::new();
-    for function in object.transfer_functions() {
-        if !functions.iter().any(|f| f.same_opacity(function)) {
+    let mut functions: Vec<StyleTransferFunction> = Vec::new();
+    for function in object.transfer_functions().flat_map(StyleTransferFunction::rows) {
+        if !functions.iter().any(|f| f.same_opacity(&function)) {
             functions.push(function);
         }
     }

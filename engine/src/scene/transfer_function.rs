@@ -1,5 +1,6 @@
-//! Style transfer functions (thesis §3.3.2, 1-D): data value → lit-sphere style and opacity.
+//! Style transfer functions (thesis §3.3.2): data value, and a second coordinate if wanted, → lit-sphere style and opacity.
 
+use super::Across;
 use crate::error::{Error, Result};
 
 /// One node: from here on towards the next node, style and opacity change linearly into the next one's.
@@ -25,6 +26,8 @@ pub struct StyleTransferFunction {
     pub contours: Option<Contours>,
     /// Whether opacity is modulated as in eq. 3.2: what is flat or homogeneous becomes transparent first, contours last.
     pub illustrative_transparency: bool,
+    /// A second coordinate, of which the nodes above are the first row; none: the function is 1-D.
+    pub across: Option<Across>,
 }
 
 /// Lines of controlled width where surfaces turn away from the eye (thesis §3.3.3).
@@ -49,12 +52,12 @@ pub struct Classified {
 }
 
 impl StyleTransferFunction {
-    /// A function without contours, of opacity as its nodes have it.
+    /// A 1-D function without contours, of opacity as its nodes have it.
     pub fn new(nodes: Vec<TransferFunctionNode>, reference_length_mm: f64) -> Self {
-        Self { nodes, reference_length_mm, contours: None, illustrative_transparency: false }
+        Self { nodes, reference_length_mm, contours: None, illustrative_transparency: false, across: None }
     }
 
-    /// Evaluates the function exactly, in f64. NaN is treated as below the first node.
+    /// Evaluates its own nodes exactly, in f64, no further row. NaN is treated as below the first node.
     pub fn classify(&self, value: f64) -> Classified {
         let last = self.nodes.len() - 1;
         let above = self.nodes.partition_point(|n| n.value <= value);
@@ -69,12 +72,12 @@ impl StyleTransferFunction {
         }
     }
 
-    /// Whether it gives the same opacity and style to every value, node by node, however these are drawn.
+    /// Whether its own nodes give the same opacity and style to every value, one by one, however these are drawn.
     pub fn classifies_as(&self, other: &Self) -> bool {
         self.nodes == other.nodes && self.reference_length_mm == other.reference_length_mm
     }
 
-    /// Whether it gives the same opacity to every value as `other` does, node by node, whatever the styles.
+    /// Whether its own nodes give the same opacity to every value as those of `other` do, one by one, whatever the styles.
     pub fn same_opacity(&self, other: &Self) -> bool {
         let alike =
             |(a, b): (&TransferFunctionNode, &TransferFunctionNode)| a.value == b.value && a.opacity == b.opacity;
@@ -83,23 +86,19 @@ impl StyleTransferFunction {
             && self.nodes.iter().zip(&other.nodes).all(alike)
     }
 
-    /// Largest opacity of any value in `low..=high`, both sides of jumps included.
+    /// Largest opacity of any value in `low..=high`, both sides of jumps included, in any row.
     pub fn max_opacity(&self, low: f64, high: f64) -> f64 {
-        let inside = self.nodes.iter().filter(|n| (low..=high).contains(&n.value)).map(|n| n.opacity);
-        inside.fold(self.classify(low).opacity.max(self.classify(high).opacity), f64::max)
+        let of_row = |row: Self| {
+            let inside = row.nodes.iter().filter(|n| (low..=high).contains(&n.value)).map(|n| n.opacity);
+            inside.fold(row.classify(low).opacity.max(row.classify(high).opacity), f64::max)
+        };
+        self.rows().map(of_row).fold(0.0, f64::max)
     }
 
-    pub(crate) fn validate(&self, num_styles: usize) -> Result<()> {
+    /// `num_distances`: fields of distances that the object has.
+    pub(super) fn validate(&self, num_styles: usize, num_distances: usize) -> Result<()> {
         let fail = |what: String, remedy: &str| Err(Error::scene(what, remedy));
-        if self.nodes.is_empty() {
-            return fail("the transfer function has no node".into(), "add at least one");
-        }
-        if self.nodes.len() > MAX_NODES {
-            return fail(
-                format!("the transfer function has {} nodes", self.nodes.len()),
-                "keep to at most 1024 of them",
-            );
-        }
+        validate_nodes(&self.nodes, num_styles)?;
         if !(self.reference_length_mm.is_finite() && self.reference_length_mm > 0.0) {
             return fail(
                 format!("the reference length of opacity is {} mm", self.reference_length_mm),
@@ -117,25 +116,37 @@ impl StyleTransferFunction {
                 return fail("a color of contours is outside of 0 to 1".into(), "give a color as \"#rrggbb\"");
             }
         }
-        for node in &self.nodes {
-            if !node.value.is_finite() {
-                return fail("a transfer function node has a value that is not finite".into(), "give a number");
-            }
-            if !(0.0..=1.0).contains(&node.opacity) {
-                return fail(format!("the opacity {} is not in 0 to 1", node.opacity), "choose one from 0 to 1");
-            }
-            if node.style >= num_styles {
-                return fail(
-                    format!("a node refers to style {} of {num_styles}", node.style),
-                    "add the style to the scene",
-                );
-            }
-        }
-        if self.nodes.windows(2).any(|w| w[0].value > w[1].value) {
-            return fail("the transfer function's nodes do not ascend".into(), "sort them by value");
-        }
-        Ok(())
+        self.across.as_ref().map_or(Ok(()), |across| across.validate(num_styles, num_distances))
     }
+}
+
+/// Checks the nodes of a function or of a row of it.
+pub(super) fn validate_nodes(nodes: &[TransferFunctionNode], num_styles: usize) -> Result<()> {
+    let fail = |what: String, remedy: &str| Err(Error::scene(what, remedy));
+    if nodes.is_empty() {
+        return fail("the transfer function has no node".into(), "add at least one");
+    }
+    if nodes.len() > MAX_NODES {
+        return fail(format!("the transfer function has {} nodes", nodes.len()), "keep to at most 1024 of them");
+    }
+    for node in nodes {
+        if !node.value.is_finite() {
+            return fail("a transfer function node has a value that is not finite".into(), "give a number");
+        }
+        if !(0.0..=1.0).contains(&node.opacity) {
+            return fail(format!("the opacity {} is not in 0 to 1", node.opacity), "choose one from 0 to 1");
+        }
+        if node.style >= num_styles {
+            return fail(
+                format!("a node refers to style {} of {num_styles}", node.style),
+                "add the style to the scene",
+            );
+        }
+    }
+    if nodes.windows(2).any(|w| w[0].value > w[1].value) {
+        return fail("the transfer function's nodes do not ascend".into(), "sort them by value");
+    }
+    Ok(())
 }
 
 /// The node table is a texture row of this width at most.

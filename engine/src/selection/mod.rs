@@ -12,6 +12,7 @@
 
 mod brick;
 mod combine;
+mod distance_field;
 mod file;
 mod fill;
 mod grow;
@@ -30,6 +31,7 @@ use std::sync::Arc;
 
 pub use brick::{Brick, BrickPool, BrickVoxels};
 pub use combine::Combination;
+pub use distance_field::DistanceField;
 pub use file::{read_selections, write_fractional, write_segmentation};
 pub use grow::{Growth, Seeds, select_grown};
 pub use lasso::{DepthRange, Lasso, ScreenFromWorld, projection};

@@ -41,7 +41,9 @@ pub struct OpenFigure {
     pub aimed: Option<(usize, Chosen)>,
     /// Whether the list of regions shall scroll to what is chosen.
     pub reveals_region: bool,
-    /// The node of its transfer function that is chosen.
+    /// The row of its transfer function that is worked on.
+    pub row: usize,
+    /// The node of that row that is chosen.
     pub node: Option<usize>,
     /// What went wrong with the last edit, until it is told.
     pub fault: Option<String>,
@@ -69,6 +71,7 @@ impl OpenFigure {
             anchor: None,
             aimed: None,
             reveals_region: false,
+            row: 0,
             node: None,
             fault: None,
             volumes,
@@ -211,7 +214,7 @@ impl OpenFigure {
     /// Chooses an object, and a region of it.
     pub fn choose(&mut self, object: usize, region: Option<Chosen>) {
         if (self.object, &self.region) != (object, &region) {
-            self.node = None;
+            (self.node, self.row) = (None, 0);
         }
         (self.object, self.region) = (object, region);
         self.others.clear();
@@ -287,12 +290,24 @@ impl OpenFigure {
 
     /// Whose transfer function is worked on: what is chosen, else the object.
     pub fn function_of(&self) -> FunctionOf {
-        FunctionOf { object: self.object, part: self.chosen_region().cloned() }
+        FunctionOf { object: self.object, part: self.chosen_region().cloned(), row: self.row }
     }
 
-    /// The transfer function that is worked on.
+    /// The row of a transfer function that is worked on, by itself.
     pub fn function(&self) -> Option<TransferFunctionTemplate> {
+        Some(self.whole_function()?.row(self.row))
+    }
+
+    /// The same, with all of its rows.
+    pub fn whole_function(&self) -> Option<TransferFunctionTemplate> {
         function_at(self.document.figure(), &self.function_of())
+    }
+
+    /// Works on another row of it.
+    pub fn choose_row(&mut self, row: usize) {
+        if self.row != row {
+            (self.row, self.node) = (row, None);
+        }
     }
 
     /// Whether the part that is chosen has a transfer function of its own.
@@ -437,6 +452,7 @@ impl OpenFigure {
             self.fault = Some(wording::sentence(&error));
         }
         self.follow_voxels();
+        self.row = self.row.min(self.whole_function().map_or(1, |function| function.num_rows()) - 1);
         let num_nodes = self.function().map_or(0, |function| function.nodes.len());
         self.node = self.node.filter(|n| *n < num_nodes);
     }

@@ -536,7 +536,9 @@ impl Viewport {
             return;
         }
         let of = answer.of.clone();
-        let Some(nodes) = function_at(figure, &of).map(|function| function.nodes).filter(|n| !n.is_empty()) else {
+        let Some(nodes) =
+            function_at(figure, &of).map(|function| function.nodes_of(of.row).clone()).filter(|n| !n.is_empty())
+        else {
             self.answer = None;
             return;
         };
@@ -617,7 +619,11 @@ fn name_of(figure: &Template, object: usize, part: &Chosen) -> Option<String> {
 /// Whose transfer function shows what was picked.
 fn function_seen(open: &OpenFigure, pick: &Pick) -> FunctionOf {
     let part = pick.region.and_then(|number| open.part_at(number));
-    part.map_or_else(|| FunctionOf::object(open.object), |(object, part, _)| FunctionOf { object, part: Some(part) })
+    let row = pick.row;
+    match part {
+        Some((object, part, _)) => FunctionOf { object, part: Some(part), row },
+        None => FunctionOf { row, ..FunctionOf::object(open.object) },
+    }
 }
 
 /// A style that falls on what is seen: on a region's own transfer function, or the object's, on the node's material there; a region
@@ -631,9 +637,11 @@ fn drop_style(open: &mut OpenFigure, of: FunctionOf, node: usize, style: &str) {
     match &of.part {
         Some(part) if own(part) != Some(true) => dress(open, of.object, &part.clone(), style),
         _ => {
-            let shown = of == open.function_of();
+            let row = of.row;
+            let shown = FunctionOf { row: open.row, ..of.clone() } == open.function_of();
             dress_material(open, of, node, style);
             if shown {
+                open.choose_row(row);
                 open.node = Some(node);
             }
         }
@@ -657,7 +665,7 @@ pub fn structures_at(volume: &Volume, position_mm: DVec3) -> Option<String> {
 
 /// The node whose style a picked sample has most of.
 fn nearest_node(figure: &Template, of: &FunctionOf, pick: &Pick) -> usize {
-    let num_nodes = function_at(figure, of).map_or(1, |function| function.nodes.len());
+    let num_nodes = function_at(figure, of).map_or(1, |function| function.nodes_of(of.row).len());
     (pick.node.round().max(0.0) as usize).min(num_nodes.max(1) - 1)
 }
 

@@ -7,10 +7,10 @@ use anyhow::{Context as _, Result, bail};
 use fabrica_engine::Progress;
 use fabrica_engine::color::linear_from_srgb8;
 use fabrica_engine::scene::{
-    self, Camera, Contours, Look, Meeting, Meetings, Moved, Object, Projection, Quality, Region, Scene,
-    StyleTransferFunction, TransferFunctionNode,
+    self, Across, Axis, Camera, Contours, Look, Meeting, Meetings, Moved, Object, Projection, Quality, Region, Row,
+    Scene, StyleTransferFunction, TransferFunctionNode,
 };
-use fabrica_engine::selection::Structure;
+use fabrica_engine::selection::{DistanceField, Selection, Structure};
 use fabrica_engine::spaces::Grid;
 use fabrica_engine::styles::{StyleImage, StyleLibrary};
 use fabrica_engine::volume::Volume;
@@ -19,9 +19,9 @@ use glam::{DAffine3, DVec3};
 
 use super::sources::Sources;
 use super::template::{
-    Background, CameraTemplate, Domain, LightingTemplate, LookTemplate, MeetingTemplate, MoveTemplate, ObjectTemplate,
-    ProjectionName, QualityName, Reference, RegionTemplate, ShadingTemplate, Template, Tint, TransferFunctionTemplate,
-    Transparency, is_called,
+    AxisName, Background, CameraTemplate, Domain, IMPORTANCE, LightingTemplate, LookTemplate, MeetingTemplate,
+    MoveTemplate, NodeTemplate, ObjectTemplate, ProjectionName, QualityName, Reference, RegionTemplate,
+    ShadingTemplate, Template, Tint, TransferFunctionTemplate, Transparency, is_called,
 };
 use super::theme::{self, Theme};
 
@@ -46,6 +46,7 @@ pub fn scene(
     let mut used: Vec<Arc<StyleImage>> = Vec::new();
     let mut objects = Vec::new();
     for object in &template.objects {
+        let distances = distances(template, object, sources, &mut notes, progress)?;
         let slot = template.volumes.iter().position(|v| v.name == object.volume);
         let volume =
             slot.and_then(|i| sources.volumes.get(i)).context("a volume slot of the template is empty; fill it")?;
@@ -57,9 +58,11 @@ pub fn scene(
             notes: &mut notes,
             radius_mm,
             poses: Vec::new(),
+            distances: distances.iter().map(|(from, _)| from.as_str()).collect(),
             progress,
         };
         let mut made = making.object(object)?;
+        made.distances = distances.iter().map(|(_, field)| field.clone()).collect();
         for region in &object.regions {
             let slot = template.selections.iter().position(|s| s.name == region.selection);
             let structures = slot
@@ -113,7 +116,8 @@ pub(super) fn object(
 ) -> Result<Object> {
     let (used, notes) = (&mut Vec::new(), &mut Vec::new());
     let theme = None;
-    Making { volume, styles, theme, used, notes, radius_mm: 1.0, poses: Vec::new(), progress }.object(template)
+    Making { volume, styles, theme, used, notes, radius_mm: 1.0, poses: Vec::new(), distances: Vec::new(), progress }
+        .object(template)
 }
 
 /// What the camera's lengths are relative to: the first object as its own transfer function shows it, in whatever styles. Its regions
@@ -127,11 +131,18 @@ pub fn reference(template: &Template, sources: &Sources, progress: &Progress) ->
     let volume =
         slot.and_then(|i| sources.volumes.get(i)).context("a volume slot of the template is empty; fill it")?;
     let value = values(volume, first.transfer_function.domain, progress)?;
-    let nodes = first.transfer_function.nodes.iter();
-    let nodes = nodes.map(|node| TransferFunctionNode { value: value(node.at), style: 0, opacity: node.opacity });
+    let nodes = |of: &[NodeTemplate]| -> Vec<TransferFunctionNode> {
+        of.iter().map(|n| TransferFunctionNode { value: value(n.at), style: 0, opacity: n.opacity }).collect()
+    };
     let voxel_mm = volume.grid.spacing_mm().min_element();
     let d0 = first.transfer_function.reference_length_mm.unwrap_or(voxel_mm);
-    let transfer_function = StyleTransferFunction::new(nodes.collect(), d0);
+    // Any row may show something, wherever it is.
+    let across = first.transfer_function.across.as_ref().map(|across| {
+        let rows = across.rows.iter().map(|row| Row { at: row.at, nodes: nodes(&row.nodes) });
+        Across { axis: Axis::Even(0.0), at: across.at, rows: rows.collect() }
+    });
+    let own = StyleTransferFunction::new(nodes(&first.transfer_function.nodes), d0);
+    let transfer_function = StyleTransferFunction { across, ..own };
     let gradient_scale_mm = first.gradient_scale_mm.unwrap_or(voxel_mm);
     Ok(Some(Object {
         volume: volume.clone(),
@@ -139,6 +150,7 @@ pub fn reference(template: &Template, sources: &Sources, progress: &Progress) ->
         regions: Vec::new(),
         lighting: None,
         gradient_scale_mm,
+        distances: Vec::new(),
     }))
 }
 
@@ -166,6 +178,8 @@ struct Making<'a> {
     radius_mm: f64,
     /// Where regions were moved to so far.
     poses: Vec<DAffine3>,
+    /// What the object's distances are measured from.
+    distances: Vec<&'a str>,
     progress: &'a Progress,
 }
 
@@ -181,9 +195,9 @@ impl Making<'_> {
                 template.volume
             ));
         }
-        let mut transfer_function = self.function(&template.transfer_function, None, &template.shading)?;
+        let mut transfer_function = self.function(&template.transfer_function, None, &template.shading, IMPORTANCE)?;
         // α_u is linear between nodes: a factor of all of it is one of theirs.
-        transfer_function.nodes.iter_mut().for_each(|n| n.opacity *= template.rest.factor());
+        transfer_function.all_nodes_mut().for_each(|n| n.opacity *= template.rest.factor());
         Ok(Object {
             volume: self.volume.clone(),
             transfer_function,
@@ -192,27 +206,49 @@ impl Making<'_> {
             gradient_scale_mm: template
                 .gradient_scale_mm
                 .unwrap_or_else(|| self.volume.grid.spacing_mm().min_element()),
+            distances: Vec::new(),
         })
     }
 
-    /// `style`: takes the place of its nodes' own.
+    /// `style`: takes the place of its nodes' own. `importance`: of the part that is drawn.
     fn function(
         &mut self,
         template: &TransferFunctionTemplate,
         style: Option<&str>,
         shading: &ShadingTemplate,
+        importance: f64,
     ) -> Result<StyleTransferFunction> {
         let value = values(self.volume, template.domain, self.progress)?;
-        let mut nodes = Vec::with_capacity(template.nodes.len());
-        for node in &template.nodes {
-            let named = style.unwrap_or(&node.style);
-            let style = self.styles.get(self.theme.map_or(named, |theme| theme.style(named)))?;
-            let position = self.used.iter().position(|s| Arc::ptr_eq(s, &style)).unwrap_or_else(|| {
-                self.used.push(style);
-                self.used.len() - 1
-            });
-            nodes.push(TransferFunctionNode { value: value(node.at), style: position, opacity: node.opacity });
-        }
+        let mut nodes = |of: &[NodeTemplate]| -> Result<Vec<TransferFunctionNode>> {
+            let mut nodes = Vec::with_capacity(of.len());
+            for node in of {
+                let named = style.unwrap_or(&node.style);
+                let style = self.styles.get(self.theme.map_or(named, |theme| theme.style(named)))?;
+                let position = self.used.iter().position(|s| Arc::ptr_eq(s, &style)).unwrap_or_else(|| {
+                    self.used.push(style);
+                    self.used.len() - 1
+                });
+                nodes.push(TransferFunctionNode { value: value(node.at), style: position, opacity: node.opacity });
+            }
+            Ok(nodes)
+        };
+        let own = nodes(&template.nodes)?;
+        let across = match &template.across {
+            None => None,
+            Some(across) => {
+                let rows = across.rows.iter().map(|row| Ok(Row { at: row.at, nodes: nodes(&row.nodes)? }));
+                let rows = rows.collect::<Result<Vec<Row>>>()?;
+                let from = across.from.as_deref().unwrap_or_default();
+                let field = self.distances.iter().position(|name| *name == from);
+                let axis = match (across.by, field) {
+                    (AxisName::Edge, _) => Axis::Edge,
+                    (AxisName::Importance, _) => Axis::Even(importance),
+                    (AxisName::Distance, Some(field)) => Axis::Distance(field),
+                    (AxisName::Distance, None) => bail!("there are no distances from \"{from}\"; name another region"),
+                };
+                Some(Across { axis, at: across.at, rows })
+            }
+        };
         let voxel_mm = self.volume.grid.spacing_mm().min_element();
         let shading = self.theme.map_or_else(|| shading.clone(), |theme| shading.or(&theme.shading));
         Ok(StyleTransferFunction {
@@ -221,7 +257,8 @@ impl Making<'_> {
                 color: contours.color.map(|color| color.0.map(linear_from_srgb8)),
             }),
             illustrative_transparency: shading.transparency == Some(Transparency::Illustrative),
-            ..StyleTransferFunction::new(nodes, template.reference_length_mm.unwrap_or(voxel_mm))
+            across,
+            ..StyleTransferFunction::new(own, template.reference_length_mm.unwrap_or(voxel_mm))
         })
     }
 
@@ -238,11 +275,12 @@ impl Making<'_> {
             let name = template.called(label);
             let look = template.look_at(Some(&name));
             let own = template.own_move(Some(&name));
+            let importance = template.importance_of(Some(&name));
             let moved = match own.or(template.moved.as_ref()).filter(|moved| moved.is_moved()) {
                 None => None,
                 Some(moved) => {
                     let center_mm = center_mm(template, structures, own.map(|_| name.as_str()), &self.volume.grid);
-                    let ghost = self.look(&moved.ghost_of(&look), template, object, label)?;
+                    let ghost = self.look(&moved.ghost_of(&look), template, object, label, importance)?;
                     let pose = moved.pose(center_mm, self.radius_mm);
                     // What was moved together is one body; it has one pose to the last bit.
                     let known = self.poses.iter().find(|known| known.abs_diff_eq(pose, SAME_POSE)).copied();
@@ -253,7 +291,7 @@ impl Making<'_> {
                     Some(Moved { pose, ghost, meetings: meetings(moved) })
                 }
             };
-            let look = self.look(&look, template, object, label)?;
+            let look = self.look(&look, template, object, label, importance)?;
             regions.push(Region { name: label.name.clone(), selection: structure.selection.clone(), look, moved });
         }
         // What is drawn otherwise is not missing.
@@ -278,6 +316,7 @@ impl Making<'_> {
         template: &RegionTemplate,
         object: &ObjectTemplate,
         label: &Label,
+        importance: f64,
     ) -> Result<Look> {
         let tint = match look.tint.unwrap_or(if template.structure.is_none() { Tint::Own } else { Tint::None }) {
             Tint::None => None,
@@ -286,18 +325,65 @@ impl Making<'_> {
         };
         let function = look.transfer_function.as_ref().unwrap_or(&object.transfer_function);
         let own = look.style.as_deref();
-        let is_veil = || function.nodes.iter().any(|node| theme::is_veil(own.unwrap_or(&node.style)));
+        let is_veil = || function.all_nodes().any(|node| theme::is_veil(own.unwrap_or(&node.style)));
         let (style, tint) = match (self.theme, tint) {
             (Some(theme), Some(color)) => theme.dress(color, is_veil()),
             (_, tint) => (None, tint),
         };
         let visible = look.visible.unwrap_or(true);
         Ok(Look {
-            transfer_function: self.function(function, style.or(own), &look.shading.or(&object.shading))?,
+            transfer_function: self.function(function, style.or(own), &look.shading.or(&object.shading), importance)?,
             tint: tint.map(|color| color.map(linear_from_srgb8)),
             opacity: if visible { look.opacity.unwrap_or(1.0) } else { 0.0 },
         })
     }
+}
+
+/// What the functions of an object measure distances from, each with its field.
+fn distances(
+    template: &Template,
+    object: &ObjectTemplate,
+    sources: &Sources,
+    notes: &mut Vec<String>,
+    progress: &Progress,
+) -> Result<Vec<(String, Arc<DistanceField>)>> {
+    let looks =
+        object.regions.iter().flat_map(|r| std::iter::once(&r.look).chain(r.structures.iter().map(|s| &s.look)));
+    let functions =
+        std::iter::once(&object.transfer_function).chain(looks.filter_map(|l| l.transfer_function.as_ref()));
+    let wanted = functions.filter_map(|f| f.across.as_ref().filter(|a| a.by == AxisName::Distance)?.from.as_ref());
+    let mut found: Vec<(String, Arc<DistanceField>)> = Vec::new();
+    for from in wanted {
+        if found.iter().any(|(known, _)| known == from) {
+            continue;
+        }
+        let selections = measured_from(template, object, sources, from);
+        if selections.is_empty() {
+            notes.push(format!(
+                "there is no \"{from}\" to measure distances from: everything counts as far away from it"
+            ));
+        }
+        let slot = template.volumes.iter().position(|v| v.name == object.volume);
+        let grid =
+            &slot.and_then(|i| sources.volumes.get(i)).context("a volume slot of the template is empty; fill it")?.grid;
+        found.push((from.clone(), DistanceField::of(&selections, grid, progress)?));
+    }
+    Ok(found)
+}
+
+/// The voxels of what is called so: of all that is drawn of a region, or of a structure in a group.
+fn measured_from(template: &Template, object: &ObjectTemplate, sources: &Sources, from: &str) -> Vec<Selection> {
+    let of = |region: &RegionTemplate| {
+        let slot = template.selections.iter().position(|s| s.name == region.selection)?;
+        Some(&sources.selections.get(slot)?.structures[..])
+    };
+    let voxels = |s: &Structure| s.selection.clone();
+    if let Some(region) = object.regions.iter().find(|region| region.title() == from) {
+        return drawn(region, of(region).unwrap_or_default()).map(voxels).collect();
+    }
+    let groups = object.regions.iter().filter(|region| region.structure.is_none());
+    let structure = groups.flat_map(|region| drawn(region, of(region).unwrap_or_default()));
+    structure.filter(|s| is_called(&s.label, from)).take(1).map(voxels).collect()
 }
 
 /// How a moved region looks where it meets others.

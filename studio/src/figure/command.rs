@@ -29,12 +29,14 @@ pub struct FunctionOf {
     pub object: usize,
     /// Which part of it; none: the object itself.
     pub part: Option<Chosen>,
+    /// Of whose rows which is meant; 0, where it has but one.
+    pub row: usize,
 }
 
 impl FunctionOf {
     /// The object's own.
     pub fn object(object: usize) -> Self {
-        Self { object, part: None }
+        Self { object, part: None, row: 0 }
     }
 }
 
@@ -64,6 +66,15 @@ pub enum Command {
         of: FunctionOf,
         /// The new one.
         function: TransferFunctionTemplate,
+    },
+    /// The rows of a transfer function: one more, one less, one elsewhere, another second coordinate or none.
+    SetRows {
+        /// Whose.
+        of: FunctionOf,
+        /// The function as it is then.
+        function: TransferFunctionTemplate,
+        /// What the edit is called.
+        label: String,
     },
     /// A new node, put where its position belongs; beside others at the same position after them.
     InsertNode {
@@ -259,6 +270,7 @@ impl Command {
     pub fn whose_function(&self) -> Option<&FunctionOf> {
         match self {
             Self::SetTransferFunction { of, .. }
+            | Self::SetRows { of, .. }
             | Self::InsertNode { of, .. }
             | Self::MoveNode { of, .. }
             | Self::SetStyle { of, .. }
@@ -283,6 +295,7 @@ impl Command {
             Self::SetPage(page) => format!("Change page to {} x {} mm", short(page.width_mm), short(page.height_mm)),
             Self::SetQuality(_) => "Change quality".to_owned(),
             Self::SetTransferFunction { .. } => "Replace transfer function".to_owned(),
+            Self::SetRows { label, .. } => label.clone(),
             Self::InsertNode { node, .. } => format!("Insert node at {}", short(node.at)),
             Self::MoveNode { at, .. } => format!("Move node to {}", short(*at)),
             Self::SetStyle { style, .. } => format!("Dress in {style}"),
@@ -417,9 +430,11 @@ impl Command {
             Self::SetTheme(name) => figure.theme = name,
             Self::SetPage(page) => figure.figure = page,
             Self::SetQuality(quality) => figure.quality = quality,
-            Self::SetTransferFunction { of, function } => *function_of(figure, &of)? = function,
+            Self::SetTransferFunction { of, function } | Self::SetRows { of, function, .. } => {
+                *function_of(figure, &of)? = function;
+            }
             Self::InsertNode { of, node } => {
-                let nodes = &mut function_of(figure, &of)?.nodes;
+                let nodes = function_of(figure, &of)?.nodes_of_mut(of.row);
                 let place = nodes.partition_point(|n| n.at <= node.at);
                 nodes.insert(place, node);
             }
@@ -427,14 +442,14 @@ impl Command {
                 if !(at.is_finite() && opacity.is_finite()) {
                     bail!("a node cannot be at {at} with opacity {opacity}; give finite numbers");
                 }
-                let nodes = &mut function_of(figure, &of)?.nodes;
+                let nodes = function_of(figure, &of)?.nodes_of_mut(of.row);
                 let low = node.checked_sub(1).and_then(|i| nodes.get(i)).map_or(f64::NEG_INFINITY, |n| n.at);
                 let high = nodes.get(node + 1).map_or(f64::INFINITY, |n| n.at);
                 let node = node_of(nodes, node)?;
                 (node.at, node.opacity) = (at.clamp(low, high), opacity.clamp(0.0, 1.0));
             }
             Self::SetStyle { of, nodes, style } => {
-                let all = &mut function_of(figure, &of)?.nodes;
+                let all = function_of(figure, &of)?.nodes_of_mut(of.row);
                 let num_nodes = all.len();
                 let Some(chosen) = all.get_mut(nodes.clone()).filter(|c| !c.is_empty()) else {
                     bail!("the transfer function has {num_nodes} nodes, not {} to {}", nodes.start + 1, nodes.end);
@@ -444,7 +459,7 @@ impl Command {
                 }
             }
             Self::RemoveNode { of, node } => {
-                let nodes = &mut function_of(figure, &of)?.nodes;
+                let nodes = function_of(figure, &of)?.nodes_of_mut(of.row);
                 node_of(nodes, node)?;
                 if nodes.len() == 1 {
                     bail!("a transfer function needs one node at least; make its opacity 0 instead");
@@ -671,7 +686,7 @@ pub fn function_at(figure: &Template, of: &FunctionOf) -> Option<TransferFunctio
     let look = region.look_at(part.structure.as_deref());
     let mut function = look.transfer_function.unwrap_or_else(|| object.transfer_function.clone());
     if let Some(style) = &look.style {
-        function.nodes.iter_mut().for_each(|node| node.style.clone_from(style));
+        function.all_nodes_mut().for_each(|node| node.style.clone_from(style));
     }
     Some(function)
 }

@@ -217,7 +217,7 @@ fn size(figure: &Template, next: &Template) -> usize {
     let looks = || regions().flat_map(|r| std::iter::once(&r.look).chain(r.structures.iter().map(|s| &s.look)));
     let functions = looks().filter_map(|look| look.transfer_function.as_ref());
     let nodes: usize =
-        figure.objects.iter().map(|o| &o.transfer_function).chain(functions).map(|f| f.nodes.len()).sum();
+        figure.objects.iter().map(|o| &o.transfer_function).chain(functions).map(|f| f.all_nodes().count()).sum();
     let moves = regions().flat_map(|r| r.moved.iter().chain(r.structures.iter().filter_map(|s| s.moved.as_ref())));
     let meetings = moves.flat_map(|m| [&m.meets_ghost, &m.meets_background]).flatten();
     let strengths = meetings.filter(|m| m.strength.is_some()).count();
@@ -253,7 +253,7 @@ mod tests {
     }
 
     fn part(region: usize, structure: Option<&str>) -> FunctionOf {
-        FunctionOf { object: 0, part: Some(Chosen { region, structure: structure.map(str::to_owned) }) }
+        FunctionOf { object: 0, part: Some(Chosen { region, structure: structure.map(str::to_owned) }), row: 0 }
     }
 
     fn camera(document: &Document, height: f64) -> Command {
@@ -612,7 +612,7 @@ mod tests {
             let object = usize::from(self.below(20) == 0);
             let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
             let part = (self.below(2) == 0).then(|| Chosen { region: self.below(2), structure });
-            let of = FunctionOf { object, part };
+            let of = FunctionOf { object, part, row: 0 };
             match self.below(29) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),

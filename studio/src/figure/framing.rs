@@ -1,5 +1,6 @@
 //! Where a figure is seen from, and how it fills the page.
 
+use fabrica_engine::scene::StyleTransferFunction;
 use fabrica_engine::scene::{Camera, Object, Projection};
 use fabrica_engine::spaces::Grid;
 use fabrica_engine::volume::bricks::BRICK;
@@ -189,13 +190,12 @@ pub fn outline(object: &Object) -> Vec<DVec3> {
 
 /// The data value above which an object's transfer function begins to show something.
 fn dimmest_shown(object: &Object) -> f64 {
-    let nodes = &object.transfer_function.nodes;
-    let first = nodes.iter().position(|n| n.opacity > 0.0);
-    match first {
+    let of_row = |row: StyleTransferFunction| match row.nodes.iter().position(|n| n.opacity > 0.0) {
         None => f64::INFINITY,
         Some(0) => f64::NEG_INFINITY,
-        Some(i) => nodes[i - 1].value,
-    }
+        Some(i) => row.nodes[i - 1].value,
+    };
+    object.transfer_function.rows().map(of_row).fold(f64::INFINITY, f64::min)
 }
 
 /// Adds the first and the last voxel above `threshold` of each row of a brick.

@@ -3,6 +3,7 @@
 //! Positions and lengths of the camera are relative to the object, so that a template fits the next dataset.
 //! Fields that this version does not know survive reading and writing (`extra`).
 
+mod across;
 mod filter;
 mod lighting;
 mod moved;
@@ -19,6 +20,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+pub use across::{AcrossTemplate, AxisName, RowTemplate};
 pub use filter::FilterTemplate;
 pub use lighting::{FixedTo, LightTemplate, LightingModel, LightingTemplate, MAX_BRIGHTNESS, MAX_SHININESS};
 pub use moved::{GHOST_OPACITY, MeetingStrength, MeetingTemplate, MoveTemplate, SCALES};
@@ -200,6 +202,9 @@ pub struct TransferFunctionTemplate {
     pub reference_length_mm: Option<f64>,
     /// Ascending in `at`; between two of them style and opacity change linearly, outside they go on.
     pub nodes: Vec<NodeTemplate>,
+    /// A second coordinate besides the value. Default: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub across: Option<AcrossTemplate>,
     /// Fields of other versions, kept as they are.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
@@ -448,25 +453,31 @@ impl Template {
 impl TransferFunctionTemplate {
     /// Checks what the types cannot; `whose` it is begins the sentence.
     fn check(&self, whose: &str) -> Result<()> {
-        if self.nodes.is_empty() {
-            bail!("{whose} has a transfer function without nodes; add at least one");
-        }
-        if let Some(n) = self.nodes.iter().find(|n| !n.at.is_finite()) {
-            bail!("{whose} has a node at {}; give a number", n.at);
-        }
-        if let Some(w) = self.nodes.windows(2).find(|w| w[0].at > w[1].at) {
-            bail!("{whose} has nodes that do not ascend ({} before {}); sort them", w[0].at, w[1].at);
-        }
-        if self.domain == Domain::Percentile
-            && let Some(n) = self.nodes.iter().find(|n| !(0.0..=100.0).contains(&n.at))
-        {
-            bail!("{whose} has a node at percentile {}; percentiles go from 0 to 100", n.at);
-        }
-        if let Some(n) = self.nodes.iter().find(|n| !(0.0..=1.0).contains(&n.opacity)) {
-            bail!("{whose} has a node at {} with opacity {}; opacities go from 0 to 1", n.at, n.opacity);
-        }
-        Ok(())
+        check_nodes(&self.nodes, self.domain, whose)?;
+        self.check_across(whose)
     }
+}
+
+/// Checks the nodes of a transfer function, or of a row of it.
+fn check_nodes(nodes: &[NodeTemplate], domain: Domain, whose: &str) -> Result<()> {
+    if nodes.is_empty() {
+        bail!("{whose} has a transfer function without nodes; add at least one");
+    }
+    if let Some(n) = nodes.iter().find(|n| !n.at.is_finite()) {
+        bail!("{whose} has a node at {}; give a number", n.at);
+    }
+    if let Some(w) = nodes.windows(2).find(|w| w[0].at > w[1].at) {
+        bail!("{whose} has nodes that do not ascend ({} before {}); sort them", w[0].at, w[1].at);
+    }
+    if domain == Domain::Percentile
+        && let Some(n) = nodes.iter().find(|n| !(0.0..=100.0).contains(&n.at))
+    {
+        bail!("{whose} has a node at percentile {}; percentiles go from 0 to 100", n.at);
+    }
+    if let Some(n) = nodes.iter().find(|n| !(0.0..=1.0).contains(&n.opacity)) {
+        bail!("{whose} has a node at {} with opacity {}; opacities go from 0 to 1", n.at, n.opacity);
+    }
+    Ok(())
 }
 
 impl std::str::FromStr for Background {

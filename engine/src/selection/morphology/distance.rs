@@ -9,7 +9,10 @@
 //! as far apart as voxels. Of balls of 6 to 20 mm, on grids of 0.6 to 2 mm, the radius comes out right to 0.04 mm.
 
 use glam::{DMat3, DVec3, Mat3, Vec3};
+use rayon::prelude::*;
 
+use crate::error::Result;
+use crate::progress::Progress;
 use crate::selection::fill::{places, quantized};
 use crate::selection::{IN, Selection, VoxelBox};
 use crate::spaces::Grid;
@@ -111,7 +114,6 @@ impl Distances {
         let far_squared = if self.is_upright { (far * far) as f32 } else { f32::INFINITY };
         self.exchange(&mut nearest, &feet, size, |i| squared[i] > far_squared);
         let [nx, ny, _] = size;
-        let strides = [1, nx, nx * ny];
         let mut moved = Vec::with_capacity(block.iter().map(|[from, to]| to - from).product());
         for z in block[2][0]..block[2][1] {
             for y in block[1][0]..block[1][1] {
@@ -122,22 +124,7 @@ impl Distances {
                         moved.push(if f[i] >= IN { 255 } else { 0 });
                         continue;
                     }
-                    let here = self.place(at);
-                    let mut best = (f32::INFINITY, Vec3::Z);
-                    let mut look = |id: u32| {
-                        if let Some(foot) = feet.get(id as usize) {
-                            let found = self.distance(here, foot);
-                            best = if found.0 < best.0 { found } else { best };
-                        }
-                    };
-                    // And the points that neighbors found, as a voxel's center is not its point.
-                    let own = nearest[i];
-                    look(own);
-                    for a in 0..3 {
-                        let before = (at[a] > 0).then(|| nearest[i - strides[a]]);
-                        let after = (at[a] + 1 < size[a]).then(|| nearest[i + strides[a]]);
-                        before.into_iter().chain(after).filter(|id| *id != own).for_each(&mut look);
-                    }
+                    let best = self.nearest(i, self.place(at), &nearest, &feet, size);
                     let distance = f64::from(if f[i] >= IN { -best.0 } else { best.0 });
                     let width = (self.world_from_index.transpose() * best.1.as_dvec3()).length();
                     moved.push(quantized(0.5 - (distance - mm) / width));
@@ -145,6 +132,57 @@ impl Distances {
             }
         }
         Moved::Voxels(moved)
+    }
+
+    /// Distances of all voxels of a grid with these memberships (x fastest), mm, below 0 inside; infinite, or minus that, where there
+    /// is no surface. Those up to the bound are as good as in [`Distances::moved`].
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`](crate::Error::Cancelled) on request: a step for each plane.
+    pub fn signed_mm(&self, f: &[u8], size: [usize; 3], progress: &Progress) -> Result<Vec<f32>> {
+        let side = |i: usize| if f[i] >= IN { -1.0f32 } else { 1.0 };
+        let (mut nearest, feet) = self.feet(f, size);
+        if feet.is_empty() {
+            return Ok((0..f.len()).map(|i| side(i) * f32::INFINITY).collect());
+        }
+        self.transform(&mut nearest, size);
+        self.exchange(&mut nearest, &feet, size, |_| false);
+        let plane = size[0] * size[1];
+        let planes: Result<Vec<Vec<f32>>> = (0..size[2])
+            .into_par_iter()
+            .map(|z| {
+                progress.advance(1)?;
+                let distance = |i: usize| {
+                    let here = self.place([i % size[0], i / size[0] % size[1], z]);
+                    side(i) * self.nearest(i, here, &nearest, &feet, size).0
+                };
+                Ok((z * plane..(z + 1) * plane).map(distance).collect())
+            })
+            .collect();
+        Ok(planes?.concat())
+    }
+
+    /// Of the points that a voxel found and its neighbors did, as a voxel's center is not its point: distance in mm, and the direction
+    /// there.
+    fn nearest(&self, i: usize, here: Vec3, nearest: &[u32], feet: &[Foot], size: [usize; 3]) -> (f32, Vec3) {
+        let [nx, ny, _] = size;
+        let at = [i % nx, i / nx % ny, i / (nx * ny)];
+        let strides = [1, nx, nx * ny];
+        let mut best = (f32::INFINITY, Vec3::Z);
+        let mut look = |id: u32| {
+            if let Some(foot) = feet.get(id as usize) {
+                let found = self.distance(here, foot);
+                best = if found.0 < best.0 { found } else { best };
+            }
+        };
+        let own = nearest[i];
+        look(own);
+        for a in 0..3 {
+            let before = (at[a] > 0).then(|| nearest[i - strides[a]]);
+            let after = (at[a] + 1 < size[a]).then(|| nearest[i + strides[a]]);
+            before.into_iter().chain(after).filter(|id| *id != own).for_each(&mut look);
+        }
+        best
     }
 
     fn place(&self, at: [usize; 3]) -> Vec3 {

@@ -3,7 +3,7 @@
 //! Beyond the grid a selection is taken to go on as it is at the grid's faces: a structure that the scan cuts off is neither
 //! eaten from there by shrinking, nor thinned by smoothing.
 
-mod distance;
+pub(super) mod distance;
 mod holes;
 mod islands;
 mod smooth;

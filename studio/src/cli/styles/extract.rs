@@ -195,7 +195,7 @@ fn draw_preview(name: &str, style: &Path, preview: &Path, adapter: &AdapterChoic
     let _bar = Bar::watch(&progress);
     let mut template =
         shipped::SHIPPED.iter().find(|s| s.name == "head").context("the head figure is missing")?.figure();
-    for node in template.objects.iter_mut().flat_map(|object| &mut object.transfer_function.nodes) {
+    for node in template.objects.iter_mut().flat_map(|object| object.transfer_function.all_nodes_mut()) {
         node.style = name.to_owned();
     }
     template.background = Background::Color([255; 3]);

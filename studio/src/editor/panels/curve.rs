@@ -170,7 +170,7 @@ pub fn materials(nodes: &[NodeTemplate]) -> Vec<Range<usize>> {
 /// Dresses the material that a node of a transfer function is of.
 pub fn dress_material(open: &mut OpenFigure, of: FunctionOf, node: usize, style: &str) {
     let Some(function) = function_at(open.document.figure(), &of) else { return };
-    if let Some(nodes) = materials(&function.nodes).into_iter().find(|run| run.contains(&node)) {
+    if let Some(nodes) = materials(function.nodes_of(of.row)).into_iter().find(|run| run.contains(&node)) {
         open.edit(Command::SetStyle { of, nodes, style: style.to_owned() });
     }
 }
@@ -199,6 +199,7 @@ mod tests {
     fn a_new_node_lies_on_the_curve() {
         let nodes = vec![node(0.0, "a", 0.0), node(100.0, "b", 0.8), node(100.0, "c", 0.2)];
         let function = TransferFunctionTemplate {
+            across: None,
             domain: Domain::Data,
             reference_length_mm: None,
             nodes,

@@ -477,9 +477,12 @@ pub fn dress(open: &mut OpenFigure, object: usize, part: &Chosen, style: &str) {
     let figure = open.document.figure();
     let Some(region) = figure.objects.get(object).and_then(|o| o.regions.get(part.region)) else { return };
     let own = region.own_look(part.structure.as_deref());
-    let of = FunctionOf { object, part: Some(part.clone()) };
+    let of = FunctionOf { object, part: Some(part.clone()), row: 0 };
     let command = match (own.transfer_function.is_some(), function_at(figure, &of)) {
-        (true, Some(function)) => Command::SetStyle { of, nodes: 0..function.nodes.len(), style: style.to_owned() },
+        (true, Some(mut function)) => {
+            function.all_nodes_mut().for_each(|node| node.style = style.to_owned());
+            Command::SetRows { of, function, label: format!("Dress in {style}") }
+        }
         _ => Command::SetLook {
             object,
             region: part.region,

@@ -26,6 +26,7 @@ use super::panels::properties::shorter;
 use super::slices::pane::is_tools;
 use super::ui_command::UiCommand;
 use crate::figure::command::Chosen;
+use crate::figure::template::{Domain, NodeTemplate};
 
 /// What the primary button does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -268,20 +269,26 @@ fn visible(open: &OpenFigure, volume: &Arc<Volume>) -> Option<Allowed> {
         return None;
     }
     let value: Box<dyn Fn(f64) -> f64> = match function.domain {
-        crate::figure::template::Domain::Data => Box::new(|at| at),
-        crate::figure::template::Domain::Percentile => {
+        Domain::Data => Box::new(|at| at),
+        Domain::Percentile => {
             let statistics = volume.known_statistics()?;
             Box::new(|at| statistics.percentile_above_background(at))
         }
     };
-    let nodes = function.nodes.iter().map(|node| fabrica_engine::scene::TransferFunctionNode {
-        value: value(node.at),
-        style: 0,
-        opacity: node.opacity,
-    });
-    let function = fabrica_engine::scene::StyleTransferFunction::new(nodes.collect(), 1.0);
+    let row = |row: usize| {
+        let node = |node: &NodeTemplate| fabrica_engine::scene::TransferFunctionNode {
+            value: value(node.at),
+            style: 0,
+            opacity: node.opacity,
+        };
+        fabrica_engine::scene::StyleTransferFunction::new(function.nodes_of(row).iter().map(node).collect(), 1.0)
+    };
+    let rows: Vec<_> = (0..function.num_rows()).map(row).collect();
     let (volume, dims) = (volume.clone(), volume.grid.dims());
-    let is_shown = move |[x, y, z]: [usize; 3]| function.classify(volume.value(x, y, z)).opacity >= SHOWN;
+    let is_shown = move |[x, y, z]: [usize; 3]| {
+        let value = volume.value(x, y, z);
+        rows.iter().any(|row| row.classify(value).opacity >= SHOWN)
+    };
     // With the voxels beside them: a surface passes between voxels that are shown and voxels that are not, and a selection of
     // the former alone would end within it, in a pattern of dots.
     Some(Arc::new(move |voxel| {

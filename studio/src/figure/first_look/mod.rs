@@ -326,6 +326,7 @@ impl Look {
                 // A voxel: so a film, which is as thick as the scanner's blur, is as dense at every resolution.
                 reference_length_mm: None,
                 nodes: self.nodes.iter().map(node).collect(),
+                across: None,
                 extra: Default::default(),
             },
             gradient_scale_mm: self.gradient_scale_mm,
@@ -389,6 +390,7 @@ pub fn of_selections(selection: &str, volume: &Volume) -> RegionTemplate {
         domain: Domain::Data,
         reference_length_mm: Some(volume.grid.spacing_mm().min_element()),
         nodes: vec![NodeTemplate { at: 0.0, style: "plaster".to_owned(), opacity: 0.9, extra: Map::new() }],
+        across: None,
         extra: Map::new(),
     };
     let look = LookTemplate { transfer_function: Some(transfer_function), ..LookTemplate::default() };
