@@ -186,7 +186,12 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             if j > num_parts || ended { break; }
         }
         if ended { break; }
+#if functions
+        // Of a piece that shows nothing after all, no boundary was looked at.
+        met = shows != 0u;
+#else
         met = true;
+#end
         front = back;
 #if alpha
         front_alpha = back_alpha;

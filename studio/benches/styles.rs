@@ -16,7 +16,8 @@ use fabrica_studio::figure::bridge;
 use fabrica_studio::figure::source::VolumeSource;
 use fabrica_studio::figure::sources::Sources;
 use fabrica_studio::figure::template::{
-    ContoursTemplate, LightingModel, LightingTemplate, Rgb, Template, Transparency,
+    AcrossTemplate, AxisName, ContoursTemplate, LightingModel, LightingTemplate, Rgb, RowTemplate, Template,
+    Transparency,
 };
 
 const SIZE: [u32; 2] = [384, 384];
@@ -35,7 +36,7 @@ fn main() {
     let sources = Sources::of(volumes.collect());
     let styles = StyleLibrary::embedded();
     type Change = fn(&mut Template);
-    let changes: [(&str, Change); 6] = [
+    let changes: [(&str, Change); 7] = [
         ("Blinn-Phong", |t| t.objects[0].lighting = Some(LightingTemplate::new(LightingModel::BlinnPhong))),
         ("styles", |_| ()),
         ("contours", |t| t.objects[0].shading.contours = Some(ContoursTemplate::new(0.7))),
@@ -47,6 +48,13 @@ fn main() {
         ("both", |t| {
             t.objects[0].shading.contours = Some(ContoursTemplate::new(0.7));
             t.objects[0].shading.transparency = Some(Transparency::Illustrative);
+        }),
+        ("value x edge", |t| {
+            let function = &mut t.objects[0].transfer_function;
+            let row = RowTemplate { at: 0.3, nodes: function.nodes.clone(), extra: Default::default() };
+            let across =
+                AcrossTemplate { by: AxisName::Edge, from: None, at: 0.0, rows: vec![row], extra: Default::default() };
+            function.across = Some(across);
         }),
     ];
     let scenes: Vec<Scene> = changes

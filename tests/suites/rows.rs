@@ -19,6 +19,9 @@ use glam::{DAffine3, DQuat, DVec3};
 
 const SIZE: [u32; 2] = [48, 40];
 
+/// No draft: at steps of two voxels a pixel on a silhouette may be on different sides of a row's threshold in the two.
+const QUALITIES: [Quality; 3] = [Quality::balanced(1.0), Quality::STANDARD, Quality::FINAL];
+
 type Nodes<'a> = &'a [(f64, &'a str, f64)];
 
 const BODY: Nodes<'_> = &[(150.0, "bone", 0.0), (300.0, "bone", 0.9), (700.0, "vessel", 1.0)];
@@ -95,7 +98,7 @@ fn found(name: &str, scene: &Scene) {
 
 #[test]
 fn rows_draw_what_the_equations_say() {
-    for quality in [Quality::DRAFT, Quality::STANDARD, Quality::FINAL] {
+    for quality in QUALITIES {
         found(&format!("edge {quality:?}"), &by_edge(quality));
         found(&format!("distance {quality:?}"), &by_distance(quality));
         let even = of_rows(&lumpy(), Axis::Even(0.4), &[(0.0, VEIL), (1.0, BODY)], quality);
@@ -110,7 +113,7 @@ fn rows_draw_what_the_equations_say() {
 
 #[test]
 fn rows_of_regions_draw_what_the_equations_say() {
-    for quality in [Quality::DRAFT, Quality::STANDARD, Quality::FINAL] {
+    for quality in QUALITIES {
         found(&format!("regions {quality:?}"), &divided(quality));
         found(&format!("moved {quality:?}"), &moved(quality));
         let labels = Quality { borders: Borders::TwoLookUps, ..quality };
@@ -188,6 +191,16 @@ fn defects_of_rows_are_noticed() {
         replace(&t, "select(0.0, f, is_last && !is_rest)", "select(f, 0.0, is_rest)")
     });
     planted("another distance", |t| replace(&t, "dot(by, textureSampleLevel", "dot(by.yxzw, textureSampleLevel"));
+    // Homogeneous matter, of which a region's second row shows as much as what is around it: no face between them.
+    let flat = phantom::volume([32; 3], centered([32; 3], DVec3::ONE), |_| 500.0);
+    let mut even = phantom::scene(&flat, BODY, Quality::balanced(1.0));
+    let round = selection(&flat.grid, &Arc::default(), |p| ball(p, DVec3::new(3.0, 12.0, 2.0), 9.0));
+    add(&mut even, round, BODY, 1.0, None, 1.0);
+    even.objects[0].transfer_function.nodes.iter_mut().for_each(|n| n.opacity *= 0.2);
+    let dim: Vec<_> = BODY.iter().map(|(value, style, opacity)| (*value, *style, 0.2 * opacity)).collect();
+    let rows = across(&mut even, Axis::Even(1.0), &[(0.0, NOTHING), (1.0, &dim)], 1.0);
+    even.objects[0].regions[0].look.transfer_function = rows;
+    let planted = |name: &str, patch| notices(&even, SIZE, name, patch);
     planted("faces by the first row", |t| replace(&t, "if row >= count { break; }", "if row >= 1u { break; }"));
     let labels = Quality { borders: Borders::TwoLookUps, ..Quality::balanced(1.0) };
     notices(&divided(labels), SIZE, "labels by their lower row", |t| {

@@ -5,6 +5,7 @@ pub mod bricks;
 pub(crate) mod colors;
 pub mod filter;
 pub mod gradient;
+pub mod joint;
 pub mod labels;
 pub mod no_data;
 pub mod prefilter;

@@ -7,7 +7,7 @@ use std::sync::{Arc, Weak};
 use eframe::egui::Response;
 use fabrica_engine::Progress;
 use fabrica_engine::scene::Scene;
-use fabrica_engine::selection::Structure;
+use fabrica_engine::selection::{DistanceField, Structure};
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 use glam::DVec3;
@@ -303,6 +303,19 @@ impl OpenFigure {
         function_at(self.document.figure(), &self.function_of())
     }
 
+    /// How many rows it has.
+    pub fn num_rows(&self) -> usize {
+        self.whole_function().map_or(1, |function| function.num_rows())
+    }
+
+    /// The distances from what the chosen object calls so; none while its voxels, or the volume, are not read.
+    pub fn distances_from(&self, from: &str) -> Option<Arc<DistanceField>> {
+        let (object, volume) = (self.chosen()?, self.chosen_volume()?);
+        let structures = |region: &RegionTemplate| self.structures_of(region).map(|s| &s.structures[..]);
+        let selections = bridge::measured_from(object, structures, from);
+        DistanceField::of(&selections, &volume.grid, &Progress::new()).ok()
+    }
+
     /// Works on another row of it.
     pub fn choose_row(&mut self, row: usize) {
         if self.row != row {
@@ -452,7 +465,7 @@ impl OpenFigure {
             self.fault = Some(wording::sentence(&error));
         }
         self.follow_voxels();
-        self.row = self.row.min(self.whole_function().map_or(1, |function| function.num_rows()) - 1);
+        self.row = self.row.min(self.num_rows() - 1);
         let num_nodes = self.function().map_or(0, |function| function.nodes.len());
         self.node = self.node.filter(|n| *n < num_nodes);
     }

@@ -357,7 +357,11 @@ fn distances(
         if found.iter().any(|(known, _)| known == from) {
             continue;
         }
-        let selections = measured_from(template, object, sources, from);
+        let structures = |region: &RegionTemplate| {
+            let slot = template.selections.iter().position(|s| s.name == region.selection)?;
+            Some(&sources.selections.get(slot)?.structures[..])
+        };
+        let selections = measured_from(object, structures, from);
         if selections.is_empty() {
             notes.push(format!(
                 "there is no \"{from}\" to measure distances from: everything counts as far away from it"
@@ -371,19 +375,20 @@ fn distances(
     Ok(found)
 }
 
-/// The voxels of what is called so: of all that is drawn of a region, or of a structure in a group.
-fn measured_from(template: &Template, object: &ObjectTemplate, sources: &Sources, from: &str) -> Vec<Selection> {
-    let of = |region: &RegionTemplate| {
-        let slot = template.selections.iter().position(|s| s.name == region.selection)?;
-        Some(&sources.selections.get(slot)?.structures[..])
-    };
+/// The voxels of what is called so: of all that is drawn of a region, or of a structure in a group. `structures`: those of a region's
+/// selections, as far as they were read.
+pub fn measured_from<'a>(
+    object: &ObjectTemplate,
+    structures: impl Fn(&RegionTemplate) -> Option<&'a [Structure]>,
+    from: &str,
+) -> Vec<Selection> {
+    let drawn = |region| drawn(region, structures(region).unwrap_or_default());
     let voxels = |s: &Structure| s.selection.clone();
     if let Some(region) = object.regions.iter().find(|region| region.title() == from) {
-        return drawn(region, of(region).unwrap_or_default()).map(voxels).collect();
+        return drawn(region).map(voxels).collect();
     }
     let groups = object.regions.iter().filter(|region| region.structure.is_none());
-    let structure = groups.flat_map(|region| drawn(region, of(region).unwrap_or_default()));
-    structure.filter(|s| is_called(&s.label, from)).take(1).map(voxels).collect()
+    groups.flat_map(drawn).filter(|s| is_called(&s.label, from)).take(1).map(voxels).collect()
 }
 
 /// How a moved region looks where it meets others.

@@ -1,7 +1,8 @@
 //! The panels: each shows a part of the open figure and edits it through commands.
 
 pub mod curve;
-pub mod histogram;
+pub mod function_map;
+mod histogram;
 pub mod history;
 mod lighting;
 pub mod moves;

@@ -13,6 +13,7 @@ use super::super::gallery::{DraggedStyle, Gallery};
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::curve::{Positions, insert_node, materials, round_to, statistics_of, whole_range};
+use super::function_map;
 use super::histogram::{Histogram, Inside};
 use super::plot::{Plot, paint_axis, paint_curve, paint_histogram, paint_note, paint_tints};
 use crate::figure::Command;
@@ -31,13 +32,23 @@ pub struct FunctionView {
     pub aimed: Option<usize>,
     /// The values inside what is chosen.
     inside: Inside,
+    /// Of a 2-D function, how its map is looked at.
+    map: function_map::MapView,
     /// A node that is dragged: value and opacity before they are rounded, and where the pointer was.
     dragged: Option<(f64, f64, Pos2)>,
 }
 
 impl Default for FunctionView {
     fn default() -> Self {
-        Self { logarithmic: true, range: None, marked: None, aimed: None, inside: Inside::default(), dragged: None }
+        Self {
+            logarithmic: true,
+            range: None,
+            marked: None,
+            aimed: None,
+            inside: Inside::default(),
+            map: Default::default(),
+            dragged: None,
+        }
     }
 }
 
@@ -56,6 +67,8 @@ const DOT: f32 = 5.5;
 const GRAB: f32 = 10.0;
 /// Radius of a material's sphere.
 const SPHERE: f32 = 14.0;
+/// Of the panel's width, what the map of a 2-D function takes.
+const MAP_SHARE: f32 = 0.42;
 /// What Shift leaves of a drag.
 const FINE: f64 = 0.1;
 
@@ -74,15 +87,20 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut Fu
     header(ui, open, gallery, view, positions, volume);
 
     let tokens = theme::tokens(ui.ctx());
-    let area = ui.available_rect_before_wrap().intersect(width);
+    let mut area = ui.available_rect_before_wrap().intersect(width);
+    let values: Vec<f64> = function.nodes.iter().map(|n| positions.value(n.at)).collect();
+    let whole = whole_range(&values, volume.zip(statistics));
+    let (low, high) = view.range.unwrap_or(whole);
+    if open.num_rows() > 1 {
+        let (left, right) = area.split_left_right_at_fraction(MAP_SHARE);
+        function_map::show(ui, open, gallery, &mut view.map, left, (low, high));
+        area = right;
+    }
     let spheres_height = 2.0 * SPHERE + 8.0;
     let rect = Rect::from_min_max(area.min + Vec2::new(8.0, 4.0), area.max - Vec2::new(8.0, spheres_height + 16.0));
     if rect.height() < 24.0 || rect.width() < 60.0 {
         return;
     }
-    let values: Vec<f64> = function.nodes.iter().map(|n| positions.value(n.at)).collect();
-    let whole = whole_range(&values, volume.zip(statistics));
-    let (low, high) = view.range.unwrap_or(whole);
     let plot = Plot { rect, low, high };
 
     let response = ui.allocate_rect(area, Sense::click_and_drag());
@@ -150,6 +168,7 @@ fn header(
         if ui.selectable_label(view.logarithmic, "Log").on_hover_text(tooltip).clicked() {
             view.logarithmic = true;
         }
+        function_map::choose_axis(ui, open);
         ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
             title(ui, open, wide);
             if wide {
