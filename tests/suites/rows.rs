@@ -20,7 +20,9 @@ use glam::{DAffine3, DQuat, DVec3};
 const SIZE: [u32; 2] = [48, 40];
 
 /// No draft: at steps of two voxels a pixel on a silhouette may be on different sides of a row's threshold in the two.
-const QUALITIES: [Quality; 3] = [Quality::balanced(1.0), Quality::STANDARD, Quality::FINAL];
+fn qualities() -> [Quality; 3] {
+    [Quality::balanced(1.0), Quality::STANDARD, Quality::FINAL]
+}
 
 type Nodes<'a> = &'a [(f64, &'a str, f64)];
 
@@ -98,7 +100,7 @@ fn found(name: &str, scene: &Scene) {
 
 #[test]
 fn rows_draw_what_the_equations_say() {
-    for quality in QUALITIES {
+    for quality in qualities() {
         found(&format!("edge {quality:?}"), &by_edge(quality));
         found(&format!("distance {quality:?}"), &by_distance(quality));
         let even = of_rows(&lumpy(), Axis::Even(0.4), &[(0.0, VEIL), (1.0, BODY)], quality);
@@ -113,7 +115,7 @@ fn rows_draw_what_the_equations_say() {
 
 #[test]
 fn rows_of_regions_draw_what_the_equations_say() {
-    for quality in QUALITIES {
+    for quality in qualities() {
         found(&format!("regions {quality:?}"), &divided(quality));
         found(&format!("moved {quality:?}"), &moved(quality));
         let labels = Quality { borders: Borders::TwoLookUps, ..quality };

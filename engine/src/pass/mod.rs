@@ -5,4 +5,5 @@ mod distances;
 pub mod places;
 pub mod raycast;
 pub mod regions;
+mod row_places;
 pub mod transfer_table;

@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 
 use super::raycast::small_texture;
+use super::row_places::RowPlaces;
 use crate::error::{Error, Result};
 use crate::gpu::context::GpuContext;
 use crate::gpu::regions::ResidentRegions;
@@ -41,18 +42,38 @@ struct Section {
     /// In the section, x fastest.
     distances: Vec<u8>,
     kinds: Vec<u8>,
-    /// Kind of each set of looks, as far as it is known.
-    kind_of_set: Vec<u8>,
+    /// Kinds of sets of looks with sets of rows, as far as they are known.
+    kind_of_sets: HashMap<(u32, u16), u8>,
 }
 
 /// What decides whether a brick shows something.
 pub struct Showing<'a> {
-    /// Per body and look, the bit of the function that it shows by; 0 where it shows nothing.
-    pub bits: &'a [Vec<u32>],
+    /// Per body and look, the functions that it shows by.
+    pub bits: &'a [Vec<LookBits>],
+    /// Which rows of looks bricks may show.
+    pub rows: &'a RowPlaces,
     /// Whether anything shows of stored numbers from low to high, by the functions of these bits.
     pub shows: Box<dyn Fn(u32, f64, f64) -> bool + 'a>,
     /// Whether the march leaps over empty bricks: otherwise none counts as empty.
     pub leaps: bool,
+}
+
+/// The functions that a look shows by, a bit each; none where it shows nothing.
+#[derive(Clone, Debug, Default)]
+pub struct LookBits {
+    /// Of each of its rows.
+    pub of_rows: Vec<u32>,
+    /// Which of the object's second coordinates it has.
+    pub across: Option<usize>,
+}
+
+impl LookBits {
+    /// Of the rows in a set of them.
+    fn in_rows(&self, rows: &RowPlaces, set: u16) -> u32 {
+        let shown = self.across.map_or(u8::MAX, |across| rows.rows(set, across));
+        let bits = self.of_rows.iter().enumerate().filter(|(row, _)| shown >> row & 1 != 0);
+        bits.fold(0, |all, (_, bit)| all | bit)
+    }
 }
 
 impl Section {
@@ -113,13 +134,15 @@ impl Places {
             }
             let none = Vec::new();
             let mut section =
-                Section { bricks, origin: at, distances: none.clone(), kinds: none.clone(), kind_of_set: none };
+                Section { bricks, origin: at, distances: none.clone(), kinds: none, kind_of_sets: HashMap::new() };
             at[2] += own[2];
             size = std::array::from_fn(|a| size[a].max(section.origin[a] + own[a]));
             let bits = &showing.bits[sections.len()];
-            kinds.of_sets(&mut section.kind_of_set, &regions.sets, bits);
-            let kind = |i: usize| section.kind_of_set[regions.set_at(section.place(i)) as usize];
-            section.kinds = (0..own.iter().product()).map(kind).collect();
+            let mut known = std::mem::take(&mut section.kind_of_sets);
+            let places = (0..own.iter().product()).map(|i| section.place(i));
+            section.kinds =
+                places.map(|place| kinds.at(place, whole, &mut known, regions, bits, showing.rows)).collect();
+            section.kind_of_sets = known;
             if showing.leaps {
                 let is_occupied =
                     |i: usize| occupied(object, section.place(i), kinds.masks[usize::from(section.kinds[i])], showing);
@@ -165,12 +188,12 @@ impl Places {
         }
         let mut sections = std::mem::take(&mut self.sections);
         for (section, bits) in sections.iter_mut().zip(showing.bits) {
-            self.kinds.of_sets(&mut section.kind_of_set, &regions.sets, bits);
+            let whole = object.volume.bricks().dims;
             let mut touched = [[usize::MAX, 0]; 3];
             let mut farther = false;
             for place in &changed {
                 let Some(i) = section.index(*place) else { continue };
-                let kind = section.kind_of_set[regions.set_at(*place) as usize];
+                let kind = self.kinds.at(*place, whole, &mut section.kind_of_sets, regions, bits, showing.rows);
                 section.kinds[i] = kind;
                 let size = section.size();
                 let at: [usize; 3] = std::array::from_fn(|a| place[a] - section.bricks[a][0]);
@@ -222,20 +245,31 @@ impl Places {
 }
 
 impl Kinds {
-    /// The kinds of sets of looks, of which `known` has the first ones'; new kinds are added.
-    fn of_sets(&mut self, known: &mut Vec<u8>, sets: &[Vec<u32>], bits: &[u32]) {
-        for set in &sets[known.len()..] {
-            let mask = set.iter().map(|look| bits[*look as usize]).fold(0, |a, b| a | b);
+    /// The kind of a brick at a place among `whole` bricks, for looks with these bits. `known`: kinds that were found.
+    fn at(
+        &mut self,
+        place: [usize; 3],
+        whole: [usize; 3],
+        known: &mut HashMap<(u32, u16), u8>,
+        regions: &ResidentRegions,
+        bits: &[LookBits],
+        rows: &RowPlaces,
+    ) -> u8 {
+        let [x, y, z] = place;
+        let sets = (regions.set_at(place), rows.set_at(x + whole[0] * (y + whole[1] * z)));
+        *known.entry(sets).or_insert_with(|| {
+            let looks = &regions.sets[sets.0 as usize];
+            let mask = looks.iter().map(|look| bits[*look as usize].in_rows(rows, sets.1)).fold(0, |a, b| a | b);
             let masks = &mut self.masks;
-            known.push(*self.position.entry(mask).or_insert_with(|| {
+            *self.position.entry(mask).or_insert_with(|| {
                 if masks.len() < MAX_KINDS {
                     masks.push(mask);
                 } else {
                     masks[MAX_KINDS - 1] |= mask;
                 }
                 (masks.len() - 1) as u8
-            }));
-        }
+            })
+        })
     }
 }
 

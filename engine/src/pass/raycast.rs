@@ -10,6 +10,7 @@ use wgpu::util::DeviceExt as _;
 use super::bodies::{bodies_uniform, bounding_sphere, most_pieces, strengths};
 use super::distances::Distances;
 use super::regions::{RegionLooks, Tables};
+use super::row_places::BrickEdges;
 use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::error::{Error, Result, remedies};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
@@ -254,6 +255,7 @@ pub struct RaycastPass {
     looks: Vec<Look>,
     tables: Tables,
     distances: Distances,
+    brick_edges: BrickEdges,
     region_looks: Vec<RegionLooks>,
     patch: Option<ShaderPatch>,
 }
@@ -354,6 +356,7 @@ impl RaycastPass {
             looks: Vec::new(),
             tables: Tables::default(),
             distances: Distances::default(),
+            brick_edges: BrickEdges::default(),
             region_looks: Vec::new(),
             patch,
         }
@@ -530,7 +533,16 @@ impl RaycastPass {
         let i = match known {
             Some(i) => i,
             None => {
-                let looks = RegionLooks::new(context, object, resident, regions, &mut self.tables, lengths_mm, leaps)?;
+                let looks = RegionLooks::new(
+                    context,
+                    object,
+                    resident,
+                    regions,
+                    &mut self.tables,
+                    &mut self.brick_edges,
+                    lengths_mm,
+                    leaps,
+                )?;
                 if self.region_looks.len() >= MAX_REGION_LOOKS {
                     self.region_looks.remove(0);
                 }

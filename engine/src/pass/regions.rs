@@ -3,8 +3,9 @@
 
 use std::sync::{Arc, Weak};
 
-use super::places::{MAX_KINDS, Places, Showing};
+use super::places::{LookBits, MAX_KINDS, Places, Showing};
 use super::raycast::{FunctionDrawing, in_steps, small_texture, uniform};
+use super::row_places::{BrickEdges, RowPlaces};
 use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::error::Result;
 use crate::gpu::context::GpuContext;
@@ -13,7 +14,7 @@ use crate::gpu::upload::{ResidentVolume, extent};
 use crate::scene::lighting::MAX_LIGHTS;
 use crate::scene::quality::PARTS;
 use crate::scene::region::MAX_OPACITY_FUNCTIONS;
-use crate::scene::{Axis, Borders, Look, Object, Role, StyleTransferFunction};
+use crate::scene::{Across, Axis, Borders, Look, Object, Role, StyleTransferFunction};
 use crate::selection::DistanceField;
 use crate::volume::Volume;
 
@@ -88,8 +89,9 @@ pub struct RegionLooks {
     pub tables: wgpu::TextureView,
     /// What only several functions need.
     functions: Option<Functions>,
-    /// Per body and look, the bit of its function.
-    bits: Vec<Vec<u32>>,
+    /// Per body and look, the bits of its functions.
+    bits: Vec<Vec<LookBits>>,
+    row_places: RowPlaces,
     places: Places,
 }
 
@@ -113,6 +115,9 @@ struct Drawn {
     ghosts: Vec<Option<Look>>,
     /// Which regions are shown by each body.
     bodies: Vec<Vec<usize>>,
+    /// What second coordinates go by: fields of distances and, in mm, what gradients are smoothed by.
+    distances: Vec<Arc<DistanceField>>,
+    gradient_scale_mm: f64,
 }
 
 impl Drawn {
@@ -123,6 +128,8 @@ impl Drawn {
             regions: object.regions.iter().map(|r| r.look.clone()).collect(),
             ghosts: object.regions.iter().map(|r| r.moved().map(|moved| moved.ghost.clone())).collect(),
             bodies: object.bodies().into_iter().map(|body| body.regions).collect(),
+            distances: object.distances.clone(),
+            gradient_scale_mm: object.gradient_scale_mm,
         }
     }
 
@@ -133,6 +140,8 @@ impl Drawn {
             && self.regions.iter().eq(object.regions.iter().map(|r| &r.look))
             && self.ghosts.iter().map(Option::as_ref).eq(object.regions.iter().map(|r| r.moved().map(|m| &m.ghost)))
             && self.bodies.iter().eq(object.bodies().iter().map(|body| &body.regions))
+            && self.distances.iter().map(Arc::as_ptr).eq(object.distances.iter().map(Arc::as_ptr))
+            && self.gradient_scale_mm == object.gradient_scale_mm
     }
 }
 
@@ -287,6 +296,7 @@ impl RegionLooks {
         resident: &ResidentVolume,
         regions: &ResidentRegions,
         tables: &mut Tables,
+        edges: &mut BrickEdges,
         lengths_mm: f64,
         leaps: bool,
     ) -> Result<Self> {
@@ -313,6 +323,7 @@ impl RegionLooks {
         let mut bits = Vec::new();
         let mut further = Vec::new();
         let mut rows = RowTexels::default();
+        let mut all_across: Vec<&Across> = Vec::new();
         let first_further = all().count();
         for look in all() {
             let seen = look.filter(|look| shows(look));
@@ -320,14 +331,22 @@ impl RegionLooks {
             let opacity = seen.map_or(0.0, |look| look.opacity);
             let tint = look.and_then(|look| look.tint);
             rows.add(function, (first_further + further.len()) as u32);
-            let mut own_bits = 0;
+            let mut own = LookBits::default();
+            if let Some(across) = &function.across {
+                let known =
+                    all_across.iter().position(|known| known.axis == across.axis && known.places().eq(across.places()));
+                own.across = Some(known.unwrap_or_else(|| {
+                    all_across.push(across);
+                    all_across.len() - 1
+                }));
+            }
             for (i, row) in function.rows().enumerate() {
                 let of_row = MadeLook { d0, opacity, tint };
                 let (texels, bit) = made.row(row, of_row);
-                own_bits |= bit;
+                own.of_rows.push(if opacity > 0.0 { bit } else { 0 });
                 if i == 0 { made.texels.extend(texels) } else { further.push(texels) }
             }
-            bits.push(if opacity > 0.0 { own_bits } else { 0 });
+            bits.push(own);
         }
         let MadeLooks { layers, node_rows, mut texels, is_drawn_unlike, .. } = made;
         texels.extend(further.into_iter().flatten());
@@ -364,8 +383,10 @@ impl RegionLooks {
                 may_show: plain(small_texture(context, "may show", size, two, uint, bytemuck::cast_slice(&cells))),
             }
         });
-        let bits: Vec<Vec<u32>> = bits.chunks(1 + object.regions.len()).map(<[u32]>::to_vec).collect();
-        let places = Places::new(context, object, regions, &showing(&bits, &layers, resident, leaps))?;
+        let bits: Vec<Vec<LookBits>> = bits.chunks(1 + object.regions.len()).map(<[LookBits]>::to_vec).collect();
+        // With longer steps than one leaps with, pieces reach farther out of a brick than its rows are known for.
+        let row_places = if leaps { RowPlaces::new(object, &all_across, edges) } else { RowPlaces::default() };
+        let places = Places::new(context, object, regions, &showing(&bits, &row_places, &layers, resident, leaps))?;
         let most_gaps = rows.most_gaps;
         let rows = has_rows.then(|| {
             let size = rows.size();
@@ -386,6 +407,7 @@ impl RegionLooks {
             tables: if has_functions { arrays(&made) } else { plain(made) },
             functions,
             bits,
+            row_places,
             layers,
             places,
         })
@@ -402,7 +424,7 @@ impl RegionLooks {
         resident: &ResidentVolume,
         regions: &ResidentRegions,
     ) -> Result<()> {
-        let showing = showing(&self.bits, &self.layers, resident, self.leaps);
+        let showing = showing(&self.bits, &self.row_places, &self.layers, resident, self.leaps);
         if !self.places.update(context, object, regions, &showing) {
             self.places = Places::new(context, object, regions, &showing)?;
         }
@@ -477,7 +499,8 @@ impl RegionLooks {
 }
 
 fn showing<'a>(
-    bits: &'a [Vec<u32>],
+    bits: &'a [Vec<LookBits>],
+    rows: &'a RowPlaces,
     layers: &'a [Arc<TransferTable>],
     resident: &'a ResidentVolume,
     leaps: bool,
@@ -486,7 +509,7 @@ fn showing<'a>(
         let (low, high) = (resident.encoding.texel(low), resident.encoding.texel(high));
         layers.iter().enumerate().any(|(layer, table)| mask >> layer & 1 != 0 && table.shows(low, high))
     };
-    Showing { bits, shows: Box::new(shows), leaps }
+    Showing { bits, rows, shows: Box::new(shows), leaps }
 }
 
 fn arrays(texture: &wgpu::Texture) -> wgpu::TextureView {

@@ -97,6 +97,28 @@ impl DistanceField {
     }
 }
 
+impl DistanceField {
+    /// Smallest and largest distance that a place can have whose index-space position is in a box, given by its corners.
+    pub fn range(&self, low: DVec3, high: DVec3) -> (f64, f64) {
+        let cells: [[usize; 2]; 3] = std::array::from_fn(|a| {
+            let cell = |p: f64| (p + 0.5) / self.voxels[a] as f64 - 0.5;
+            let last = self.dims[a] - 1;
+            [(cell(low[a]).floor().max(0.0) as usize).min(last), (cell(high[a]).ceil().max(0.0) as usize).min(last)]
+        });
+        let [xs, ys, zs] = cells;
+        let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+        for z in zs[0]..=zs[1] {
+            for y in ys[0]..=ys[1] {
+                let row = self.dims[0] * (y + self.dims[1] * z);
+                for mm in &self.values[row + xs[0]..=row + xs[1]] {
+                    (least, most) = (least.min(mm.to_f64()), most.max(mm.to_f64()));
+                }
+            }
+        }
+        (least, most)
+    }
+}
+
 /// The grid of the cells.
 fn coarse(grid: &Grid, voxels: [usize; 3], dims: [usize; 3]) -> Result<Grid> {
     let edge = DVec3::from_array(voxels.map(|n| n as f64));

@@ -1,12 +1,9 @@
 //! Joint histograms: how many voxels have which value and which second coordinate, for looking at 2-D transfer functions
 //! (G. Kindlmann and J. Durkin, Semi-automatic generation of transfer functions, 1998).
 
-use glam::DVec3;
 use rayon::prelude::*;
 
-use super::colors::color_change;
-use super::no_data::fill_no_data;
-use super::prefilter::{Prefilter, Source};
+use super::edges::each_slice;
 use super::{Volume, Voxel as _};
 use crate::error::Result;
 use crate::progress::Progress;
@@ -37,47 +34,8 @@ impl JointHistogram {
     /// # Errors
     /// [`Error::Cancelled`](crate::Error::Cancelled) on request.
     pub fn of_edges(volume: &Volume, values: (f64, f64), sigma_mm: f64, progress: &Progress) -> Result<Self> {
-        let dims = volume.grid.dims();
-        let [nx, ny, nz] = dims;
-        let sigma = (DVec3::splat(sigma_mm) / volume.grid.spacing_mm()).to_array();
-        let filled = fill_no_data(volume);
-        let stored = filled.voxels.as_ref();
-        let (source, channels) = match &volume.colors {
-            Some(colors) => (Source::Colors(colors), 4),
-            None => (Source::Values { voxels: stored, offset: 0.0, scale: 1.0 }, 1),
-        };
-        let mut filter = Prefilter::new(source, dims, sigma);
-        let to_world = volume.grid.world_gradient_from_index();
-        let slope = if volume.colors.is_some() { 1.0 } else { volume.rescale.slope };
-        let per_edge = 0.5 * slope / volume.gradient_max();
-        progress.begin("joint histogram", nz as u64);
         let mut made = Self::empty(values, (0.0, 1.0));
-        let first = filter.slab(0, 1);
-        let mut around: [Vec<f32>; 3] = [first.clone(), first, Vec::new()];
-        for z in 0..nz {
-            around[2] = if z + 1 < nz { filter.slab(z + 1, z + 2) } else { around[1].clone() };
-            let edge = |x: usize, y: usize| {
-                let at =
-                    |plane: usize, x: usize, y: usize, c: usize| f64::from(around[plane][channels * (x + nx * y) + c]);
-                let (left, right, up, down) =
-                    (x.saturating_sub(1), (x + 1).min(nx - 1), y.saturating_sub(1), (y + 1).min(ny - 1));
-                let change = |c: usize| {
-                    let d = DVec3::new(
-                        at(1, right, y, c) - at(1, left, y, c),
-                        at(1, x, down, c) - at(1, x, up, c),
-                        at(2, x, y, c) - at(0, x, y, c),
-                    );
-                    to_world * (per_edge * d)
-                };
-                match channels {
-                    4 => color_change([0, 1, 2, 3].map(change)),
-                    _ => change(0).length(),
-                }
-            };
-            made.add_slice(volume, z, |x, y| edge(x, y).min(1.0));
-            around.rotate_left(1);
-            progress.advance(1)?;
-        }
+        each_slice(volume, sigma_mm, progress, |z, edge| made.add_slice(volume, z, |x, y| edge(x, y).min(1.0)))?;
         made.most = made.counts.iter().copied().max().unwrap_or(0);
         Ok(made)
     }
@@ -145,7 +103,7 @@ impl JointHistogram {
 mod tests {
     use std::sync::Arc;
 
-    use glam::DAffine3;
+    use glam::{DAffine3, DVec3};
 
     use super::*;
     use crate::selection::Selection;

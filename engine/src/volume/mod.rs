@@ -3,6 +3,7 @@
 
 pub mod bricks;
 pub(crate) mod colors;
+pub mod edges;
 pub mod filter;
 pub mod gradient;
 pub mod joint;
