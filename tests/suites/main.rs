@@ -18,5 +18,6 @@ mod raycast;
 mod readers;
 mod reference;
 mod regions;
+mod shimmer;
 mod templates;
 mod tidy;
