@@ -237,8 +237,10 @@ impl Painter {
 
     /// Gets ready for figures of which one may be asked for next: compiling a shader takes a software adapter up to seconds. They wait
     /// behind every request, and none of their pictures is shown.
-    pub fn expect(&self, figures: Vec<Request>) {
+    pub fn expect(&self, mut figures: Vec<Request>) {
         let (desk, bell) = &*self.desk;
+        // The last is taken first.
+        figures.reverse();
         desk.lock().unwrap_or_else(PoisonError::into_inner).likely = figures;
         bell.notify_one();
     }

@@ -268,7 +268,8 @@ fn background_of_theme(ui: &mut Ui, background: Background) {
             let [r, g, b] = rgb;
             ui.painter().rect_filled(rect, 2.0, egui::Color32::from_rgb(r, g, b));
         }
-        ui.label(theme::small(ui.ctx(), format!("{background}, of the theme"))).on_hover_text(tooltip);
+        let text = theme::small(ui.ctx(), format!("{background} (theme)"));
+        ui.add(egui::Label::new(text).truncate()).on_hover_text(tooltip);
     });
 }
 
