@@ -28,7 +28,7 @@ type Course = Vec<Vec<[f64; 4]>>;
 /// mean of `samples`² rays.
 fn course(renderer: &mut Renderer, scene: &Scene, motion: f64, samples: u32) -> Course {
     let mut scene = scene.clone();
-    let begin = scene.camera.clone();
+    let begin = scene.camera;
     let Projection::Orthographic { height_mm } = begin.projection else { panic!("pixels are of one size") };
     let radius_px = 0.35 * f64::from(SIZE);
     let frame = |i: usize| {
