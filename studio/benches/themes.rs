@@ -88,7 +88,7 @@ fn swap(plain: &Template, sources: &Sources, styles: &Arc<StyleLibrary>, is_expe
         std::thread::sleep(4 * REST);
     }
     let (mut turned, mut swapped) = (Vec::new(), [Vec::new(), Vec::new()]);
-    for round in 0..2 {
+    for (round, swapped) in swapped.iter_mut().enumerate() {
         for theme in themes.all().iter().map(Some).chain([None]) {
             figure.theme = theme.map(|theme| theme.name.clone());
             let swap = ask(&figure, false);
@@ -102,7 +102,7 @@ fn swap(plain: &Template, sources: &Sources, styles: &Arc<StyleLibrary>, is_expe
             turns.sort_by(f64::total_cmp);
             let name = figure.theme.as_deref().unwrap_or("none");
             println!("round {round} {name:>18}: {swap:6.0} ms, a turn {:6.0} ms", turns[1]);
-            swapped[round].push(swap);
+            swapped.push(swap);
             turned.extend(turns);
         }
     }
