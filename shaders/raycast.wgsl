@@ -54,7 +54,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     var spare = i32(MAX_ROUNDS) - i32(walked * ROUNDS_PER_PIECE);
 #end
     let march = March(Pose(0u), first, stride, ray.world_direction, axes, frame.near_depth + span.x * ray.depth_per_mm,
-        step * ray.depth_per_mm);
+        step * ray.depth_per_mm, step);
 
     var accumulated = resume(vec2u(position.xy));
     var k = select(frame.pieces.x, count, 1.0 - accumulated.a < frame.termination);

@@ -246,7 +246,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 let b = firstTrailingBit(left);
                 left &= left - 1u;
                 let march = March(pose_of(b), origins[b] + begin * directions[b], step * directions[b], ray.world_direction,
-                    axes, frame.near_depth + begin * ray.depth_per_mm, step * ray.depth_per_mm);
+                    axes, frame.near_depth + begin * ray.depth_per_mm, step * ray.depth_per_mm, step);
                 let edge = edges[b];
                 let next = edge_at(march.first + (f32(k) + place) * march.stride, march.pose);
                 let wanted = select(num_looks(edge.normal, next.normal), 1u, j == 0u);

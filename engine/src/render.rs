@@ -232,14 +232,15 @@ impl Renderer {
             self.regions = Default::default();
             return Ok(None);
         }
+        let size = object.volume.bricks().dims;
         if let Some(mut known) = self.regions[borders as usize].take() {
-            if known.update(&self.context, object)? {
+            if known.update(&self.context, size, &object.regions)? {
                 return Ok(Some(known));
             }
             // Another object: what it has of the other kind is of no use either.
             self.regions = Default::default();
         }
-        Ok(Some(ResidentRegions::upload(&self.context, object, borders, progress)?))
+        Ok(Some(ResidentRegions::upload(&self.context, size, &object.regions, borders, progress)?))
     }
 
     fn tile_slot(&self, width: u32, height: u32, several_passes: bool) -> TileSlot {

@@ -84,6 +84,8 @@ struct March {
     // Eye depth of the first piece's front, mm, and the change of a step.
     depth: f32,
     depth_per_step: f32,
+    // Length of a step, mm.
+    step_mm: f32,
 }
 
 #if cuts
@@ -146,7 +148,6 @@ fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, 
     let w = piece.middle / max(piece.extinction, 1e-30);
     let steps = along(stretch, w);
     let p = march.first + steps * march.stride;
-    let level = style_level(march.depth + steps * march.depth_per_step, march.pose);
     let node = piece.node / max(piece.extinction, 1e-30);
     let slope = slope_at(stretch, w, march.pose);
 #if cuts
@@ -154,6 +155,13 @@ fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, 
     let face = joined_faces(face_normal(p, march.pose), vec4f(cut.xyz, cut.w * flatness));
 #else
     let face = face_normal(p, march.pose);
+#end
+#if lit
+    let level = 0.0;
+#else
+    let turns = (1.0 - face.w) * bend(stretch.edge.normal, stretch.next.normal, march.direction,
+        (stretch.place - stretch.before) * march.step_mm);
+    let level = style_level(march.depth + steps * march.depth_per_step, turns, march.pose);
 #end
     let outward = surface_normal(slope, face);
     var n_xy = style_normal(outward, march.direction, march.axes);

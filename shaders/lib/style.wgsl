@@ -22,9 +22,26 @@ fn ray_frame(ray: vec3f) -> Axes {
     return Axes(frame.right - dot(frame.right, ray) * half_way, frame.up - dot(frame.up, ray) * half_way);
 }
 
-// Mip level at an eye depth: a pixel that covers 2^l voxels reads level l.
-fn style_level(depth: f32, pose: Pose) -> f32 {
-    return log2(max(1.0, (frame.footprint + depth * frame.footprint_growth) * voxels_of(pose)));
+// Below this share of a ray's way along a surface, its turn is not divided by it any further.
+const LEAST_WAY: f32 = 0.25;
+// Texels of a style from its center to its rim.
+const STYLE_RADIUS: f32 = 127.5;
+
+// κ, 1/mm: how fast a surface turns whose outward normals are `a` and, `length_mm` along the ray, `b`. Which of its sides is bright
+// does not matter, and where there is hardly a surface, there is hardly a turn.
+fn bend(a: vec3f, b: vec3f, ray: vec3f, length_mm: f32) -> f32 {
+    let front = a / max(length(a), 1e-30);
+    let outward = b / max(length(b), 1e-30);
+    let back = select(outward, -outward, dot(front, outward) < 0.0);
+    let middle = front + back;
+    let way = length(cross(middle, ray)) / max(length(middle), 1e-30);
+    return length(a) * length(b) * length(front - back) / (max(length_mm, 1e-30) * max(way, LEAST_WAY));
+}
+
+// Mip level at an eye depth: log2 of what a pixel covers, in voxels or, on a surface that turns by `bend` (1/mm), in texels.
+fn style_level(depth: f32, bend: f32, pose: Pose) -> f32 {
+    let pixel = frame.footprint + depth * frame.footprint_growth;
+    return log2(max(1.0, pixel * max(voxels_of(pose), STYLE_RADIUS * frame.voxel_mm * bend)));
 }
 
 // Outward normal (towards lower values, or out of a face of the box), as long as there is a surface: 1 where there is

@@ -149,7 +149,7 @@ fn edits(context: &GpuContext, borders: Borders) {
         )),
         moved: None,
     }];
-    let mut resident = ResidentRegions::upload(context, &regions, borders, &Progress::new()).unwrap();
+    let mut resident = ResidentRegions::upload(context, [64; 3], &regions, borders, &Progress::new()).unwrap();
     let (mut edit_ms, mut upload_ms) = (Vec::new(), Vec::new());
     for i in 0..60 {
         let center = DVec3::new(100.0 + 5.0 * f64::from(i), 250.0, 300.0 + f64::from(i % 7));
@@ -162,7 +162,7 @@ fn edits(context: &GpuContext, borders: Borders) {
         });
         edit_ms.push(started.elapsed().as_secs_f64() * 1e3);
         let started = Instant::now();
-        assert!(resident.update(context, &regions).unwrap());
+        assert!(resident.update(context, [64; 3], &regions).unwrap());
         context.queue.submit([]);
         let _ = context.device.poll(eframe::wgpu::PollType::wait_indefinitely());
         upload_ms.push(started.elapsed().as_secs_f64() * 1e3);

@@ -120,6 +120,48 @@ fn a_theme_is_an_option_a_field_and_if_unknown_a_warning() {
 }
 
 #[test]
+fn own_themes_are_listed_and_drawn_and_their_faults_said() {
+    let place = Place::new();
+    let own = |name: &str, style: &str| {
+        format!(
+            r##"{{"themes": [{{"name": "{name}", "title": "Forest", "description": "Moss on bark.",
+            "styles": {{"plaster": "{style}"}}, "background": "#2b2118"}}]}}"##
+        )
+    };
+    let render = |options: &[&str]| {
+        let output = place.run(&[&["render", "figure.json", "--out", "own.png"], options].concat());
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    // Among the user's own, and in a folder that is named.
+    std::fs::create_dir_all(place.path("state/styles")).unwrap();
+    std::fs::create_dir(place.path("more")).unwrap();
+    std::fs::write(place.path("state/styles/themes.json"), own("forest", "organ")).unwrap();
+    std::fs::write(place.path("more/themes.json"), own("meadow", "nerve")).unwrap();
+    let listed = place.run(&["styles", "--styles", "more"]).stdout;
+    let listed = String::from_utf8(listed).unwrap();
+    assert!(listed.contains("\nforest            Moss on bark.\nmeadow "), "{listed}");
+    assert_eq!(render(&[]).0, Some(0));
+    let plain = std::fs::read(place.path("own.png")).unwrap();
+    let is_quiet = |(code, said): (Option<i32>, String)| code == Some(0) && !said.contains("theme");
+    assert!(is_quiet(render(&["--theme", "forest"])));
+    let forest = std::fs::read(place.path("own.png")).unwrap();
+    assert!(is_quiet(render(&["--theme", "meadow", "--styles", "more"])));
+    let meadow = std::fs::read(place.path("own.png")).unwrap();
+    assert!(plain != forest && forest != meadow && png_facts(&place.path("own.png")).2 == 2);
+    assert!(
+        place.fails(&["render", "figure.json", "--theme", "meadow", "--out", "no.png"], 2).contains("forest or none")
+    );
+    // Faults: of what was not named a warning, of what was named an error.
+    std::fs::write(place.path("state/styles/themes.json"), own("watercolor", "organ")).unwrap();
+    let (code, said) = render(&[]);
+    let words = "warning: your own themes are left out: ";
+    assert!(code == Some(0) && said.contains(words) && said.contains("\"watercolor\" is taken"), "{said}");
+    std::fs::write(place.path("more/themes.json"), own("meadow", "daisy")).unwrap();
+    let said = place.fails(&["styles", "--styles", "more"], 1);
+    assert!(said.contains("the theme \"meadow\" has the style \"daisy\", which there is not"), "{said}");
+}
+
+#[test]
 fn a_chosen_setting_is_stated_with_its_error() {
     let place = Place::new();
     for (option, number) in [("--max-error", "2"), ("--budget-ms", "1e6")] {

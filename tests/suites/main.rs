@@ -19,5 +19,6 @@ mod readers;
 mod reference;
 mod regions;
 mod rows;
+mod shimmer;
 mod templates;
 mod tidy;

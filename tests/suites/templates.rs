@@ -11,7 +11,7 @@ use fabrica_studio::figure::bridge::scene;
 use fabrica_studio::figure::source::VolumeSource;
 use fabrica_studio::figure::sources::{Replacement, load};
 use fabrica_studio::figure::template::Domain;
-use fabrica_studio::figure::theme;
+use fabrica_studio::figure::theme::Themes;
 use fabrica_tests::{checkout, data, renderer};
 
 fn shipped() -> Vec<PathBuf> {
@@ -91,7 +91,7 @@ fn shipped_templates_draw_in_every_theme() {
         };
         let sources = load(&template, &checkout().join("templates"), &[volume], &labels, &progress).unwrap();
         let mut pictures = Vec::new();
-        for theme in std::iter::once(None).chain(theme::all().iter().map(Some)) {
+        for theme in std::iter::once(None).chain(Themes::built_in().all().iter().map(Some)) {
             template.theme = theme.map(|theme| theme.name.clone());
             let (scene, notes) = scene(&template, &sources, &styles, &progress).unwrap();
             let drawn_in = format!("{} in {:?}", file.display(), template.theme);

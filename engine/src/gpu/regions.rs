@@ -12,7 +12,7 @@ use super::labels::{Largest, Numbered, number};
 use super::upload::{TABLE_USAGE, extent, table_descriptor, write_box};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::scene::{Borders, Object, Region};
+use crate::scene::{Borders, Region};
 use crate::selection::{BRICK, Brick, Selection};
 
 /// Texels along x and y of the atlas. Along all axes a power of two: so f32 has the place of a sample exactly, and a picture does
@@ -121,13 +121,17 @@ impl Found {
 }
 
 impl ResidentRegions {
-    /// Uploads the selections of an object's regions, for one kind of borders.
+    /// Uploads the selections of `regions`, of a volume of so many bricks, for one kind of borders.
     ///
     /// # Errors
     /// [`Error::Gpu`] where the adapter has no room, [`Error::Cancelled`].
-    pub fn upload(context: &GpuContext, object: &Object, borders: Borders, progress: &Progress) -> Result<Self> {
-        let regions = &object.regions[..];
-        let size = object.volume.bricks().dims;
+    pub fn upload(
+        context: &GpuContext,
+        size: [usize; 3],
+        regions: &[Region],
+        borders: Borders,
+        progress: &Progress,
+    ) -> Result<Self> {
         let num_bricks = size.iter().product();
         let format = match borders {
             // Every adapter filters half floats, and they hold the numbers of a brick's labels exactly.
@@ -176,9 +180,8 @@ impl ResidentRegions {
     ///
     /// # Errors
     /// As [`ResidentRegions::upload`].
-    pub fn update(&mut self, context: &GpuContext, object: &Object) -> Result<bool> {
-        let regions = &object.regions[..];
-        if self.size != object.volume.bricks().dims
+    pub fn update(&mut self, context: &GpuContext, size: [usize; 3], regions: &[Region]) -> Result<bool> {
+        if self.size != size
             || regions.len() != self.selections.len()
             || regions.iter().zip(&self.selections).any(|(r, s)| r.selection.grid().dims() != s.grid().dims())
         {

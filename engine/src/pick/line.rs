@@ -12,7 +12,7 @@ use crate::reference::ray::{Ray, Samples, intersect_box};
 use crate::reference::region::{end_face, joined, where_flat};
 use crate::reference::sample::trilinear;
 use crate::reference::style::{
-    Face, RayFrame, at_node, face_normal, ray_frame, shade, steepness, style_level, style_normal,
+    Face, RayFrame, at_node, bend, face_normal, ray_frame, shade, steepness, style_level, style_normal, surface_normal,
 };
 use crate::scene::across::Between;
 use crate::scene::{Across, Axis, Body, Object, Role, Scene, StyleTransferFunction};
@@ -479,7 +479,13 @@ impl<'a> Line<'a> {
             let face = self.face(part, of.t, cut);
             let n_xy = style_normal(gradient, face, self.ray.direction, &self.frame);
             let depth_mm = (self.ray.origin_mm + of.t * self.ray.direction - camera.eye_mm).dot(camera.forward);
-            let level = style_level(camera, self.image_height, depth_mm, part.spacing_mm, steepness(gradient, face));
+            let normals = ends.map(|t| {
+                let face = part.turned_face(face_normal(&self.object.volume.grid, part.at(t)));
+                surface_normal(self.gradient(part, t), face)
+            });
+            let bend = (1.0 - face.weight) * bend(normals, self.ray.direction, ends[1] - ends[0]);
+            let steepness = steepness(gradient, face);
+            let level = style_level(camera, self.image_height, depth_mm, part.spacing_mm, steepness, bend);
             shade(&self.scene.styles, &class, n_xy, level).1
         });
         let alpha = factor * alpha_d * of.opacity * self.field.has_data(part.at(of.t));

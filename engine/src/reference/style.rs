@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use crate::scene::{Camera, Projection, StyleTransferFunction};
 use crate::spaces::Grid;
-use crate::styles::StyleImage;
+use crate::styles::{STYLE_SIZE, StyleImage};
 
 /// Up to this ‖ĝ‖ there is no surface, and the style's center is shown.
 pub const NO_SURFACE: f64 = 2e-4;
@@ -17,6 +17,10 @@ pub const SURFACE: f64 = 2e-3;
 const SHARP: f64 = 0.02;
 /// Mip levels of blur where the gradient vanishes.
 const BLUR_LEVELS: f64 = 3.0;
+/// Below this share of a ray's way along a surface, its turn is not divided by it any further.
+const LEAST_WAY: f64 = 0.25;
+/// Texels of a style from its center to its rim.
+const RADIUS_TEXELS: f64 = 0.5 * STYLE_SIZE as f64 - 0.5;
 
 /// What a transfer function says about one data value.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -150,19 +154,30 @@ pub fn pixel_mm(camera: &Camera, image_height: u32, depth_mm: f64) -> f64 {
     height_mm / f64::from(image_height)
 }
 
+/// κ, in 1/mm: how fast a surface turns, from its outward normals ([`surface_normal`]) at two places of a ray of this unit `direction`,
+/// `length_mm` > 0 apart. Which of its sides is bright does not matter, and where there is hardly a surface, there is hardly a turn.
+pub fn bend(normals: [DVec3; 2], direction: DVec3, length_mm: f64) -> f64 {
+    let [a, b] = normals.map(DVec3::normalize_or_zero);
+    let b = if a.dot(b) < 0.0 { -b } else { b };
+    let along = (a + b).normalize_or_zero().cross(direction).length().max(LEAST_WAY);
+    normals[0].length() * normals[1].length() * a.distance(b) / (length_mm * along)
+}
+
 /// λ: the mip level of a style, not yet limited to the levels there are. `image_height` in pixels, `depth_mm` along the
-/// view axis from the eye, `smallest_spacing_mm` of the volume, `normalized_gradient` = ‖ĝ‖.
+/// view axis from the eye, `smallest_spacing_mm` of the volume, `normalized_gradient` = ‖ĝ‖, `bend` = κ of the surface in 1/mm.
 pub fn style_level(
     camera: &Camera,
     image_height: u32,
     depth_mm: f64,
     smallest_spacing_mm: f64,
     normalized_gradient: f64,
+    bend: f64,
 ) -> f64 {
     let pixel_mm = pixel_mm(camera, image_height, depth_mm);
+    let covered = (pixel_mm / smallest_spacing_mm).max(pixel_mm * bend * RADIUS_TEXELS);
     let s = (normalized_gradient / SHARP).clamp(0.0, 1.0);
     let sharpness = s * s * (3.0 - 2.0 * s);
-    (pixel_mm / smallest_spacing_mm).max(1.0).log2() + BLUR_LEVELS * (1.0 - sharpness)
+    covered.max(1.0).log2() + BLUR_LEVELS * (1.0 - sharpness)
 }
 
 /// Premultiplied linear RGBA of a style at texture coordinates: bilinear, linear between two mips, clamped to the edges
@@ -308,13 +323,35 @@ mod tests {
     #[test]
     fn style_level_counts_octaves() {
         let ortho = Camera { projection: Projection::Orthographic { height_mm: 400.0 }, ..camera() };
-        assert!((style_level(&ortho, 100, 1e9, 1.0, 1.0) - 2.0).abs() < 1e-12);
-        assert_eq!(style_level(&ortho, 4000, 1e9, 1.0, 0.02), 0.0);
-        assert_eq!(style_level(&ortho, 4000, 1e9, 1.0, 0.0), 3.0);
-        assert_eq!(style_level(&ortho, 4000, 1e9, 1.0, 0.01), 1.5);
+        assert!((style_level(&ortho, 100, 1e9, 1.0, 1.0, 0.0) - 2.0).abs() < 1e-12);
+        assert_eq!(style_level(&ortho, 4000, 1e9, 1.0, 0.02, 0.0), 0.0);
+        assert_eq!(style_level(&ortho, 4000, 1e9, 1.0, 0.0, 0.0), 3.0);
+        assert_eq!(style_level(&ortho, 4000, 1e9, 1.0, 0.01, 0.0), 1.5);
         // Perspective of 90°: 200 mm high at a depth of 100 mm.
-        assert!((style_level(&camera(), 100, 100.0, 0.25, 1.0) - 3.0).abs() < 1e-12);
-        assert_eq!(style_level(&camera(), 100, 0.0, 0.25, 1.0), 0.0);
+        assert!((style_level(&camera(), 100, 100.0, 0.25, 1.0, 0.0) - 3.0).abs() < 1e-12);
+        assert_eq!(style_level(&camera(), 100, 0.0, 0.25, 1.0, 0.0), 0.0);
+        // A ball of 10 mm in pixels of 0.1 mm: each is 1.275 texels of the disc. What covers more counts.
+        let on_ball = style_level(&ortho, 4000, 1e9, 1.0, 1.0, 0.1);
+        assert!((on_ball - 1.275f64.log2()).abs() < 1e-12, "{on_ball}");
+        assert!((style_level(&ortho, 100, 1e9, 1.0, 1.0, 0.001) - 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn bend_of_a_sphere_is_one_over_its_radius() {
+        let normal = |x: f64, y: f64| DVec3::new(x, y, 0.0).normalize();
+        // Along rays that touch a sphere of 5 mm and go into it, 4 mm beside its center; halfway in the middle of the two places.
+        for (x, y, radius) in [(0.0, 5.0, 5.0), (-3.0, 4.0, 5.0), (-4.8, 1.4, 5.0)] {
+            let found = bend([normal(x - 5e-5, y), normal(x + 5e-5, y)], DVec3::X, 1e-4);
+            assert!((found * radius - 1.0).abs() < 1e-6, "{x} {found}");
+        }
+        // Towards its middle the ray goes less far along it than is divided by.
+        assert!(bend([normal(-5.0, 0.01), normal(-4.9, 0.01)], DVec3::X, 0.1) < 0.01);
+        // Neither the bright side nor a flat surface nor noise turns.
+        assert_eq!(bend([DVec3::Y, -DVec3::Y], DVec3::X, 0.1), 0.0);
+        assert_eq!(bend([DVec3::Y, DVec3::Y], DVec3::X, 0.1), 0.0);
+        assert_eq!(bend([DVec3::ZERO, DVec3::Y], DVec3::X, 0.1), 0.0);
+        let weak = bend([0.1 * normal(-0.1, 5.0), normal(0.0, 5.0)], DVec3::X, 0.1);
+        assert!((weak - 0.02).abs() < 1e-4, "{weak}");
     }
 
     #[test]

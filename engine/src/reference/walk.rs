@@ -15,8 +15,8 @@ use super::ray::{Ray, Samples};
 use super::region::{Look, cut_face, joined, shares, where_flat};
 use super::sample::{Lattice, gradient_at, sample_volume, trilinear};
 use super::style::{
-    Classification, Face, RayFrame, at_node, classify, face_normal, facing, pixel_mm, ray_frame, shade, steepness,
-    style_level, style_normal, surface_normal,
+    Classification, Face, RayFrame, at_node, bend, classify, face_normal, facing, pixel_mm, ray_frame, shade,
+    steepness, style_level, style_normal, surface_normal,
 };
 use crate::scene::quality::PARTS;
 use crate::scene::{Borders, Camera, Quality, StyleTransferFunction};
@@ -128,6 +128,8 @@ struct SeenAt<'a> {
     gradient: DVec3,
     /// ĝ a lag before, where contours are drawn.
     before: Option<DVec3>,
+    /// κ of the surface, faces not counted, 1/mm.
+    bend: f64,
 }
 
 /// One ray through a body of an object: all that its samples share.
@@ -210,6 +212,11 @@ impl<'a> Line<'a> {
         }
     }
 
+    /// The outward normal where the data change by `slope` at `t`.
+    fn normal(&self, slope: &Slope, t: f64) -> DVec3 {
+        surface_normal(self.gradient(slope), self.face(t))
+    }
+
     /// The straight linear color at `p`: of the voxels around it, each as far as the row's function shows it. Alpha at
     /// `p` is above 0.
     fn seen_color(&self, colors: &Colors, row: &StyleTransferFunction, p: DVec3) -> DVec3 {
@@ -235,7 +242,7 @@ impl<'a> Line<'a> {
 
     /// Straight linear color and opacity, for one reference length of the object, of what a row of a look has there.
     fn appearance(&self, look: &Look<'_>, seen: &SeenAt<'_>, cut: Face) -> Option<([f64; 3], f64)> {
-        let SeenAt { row: function, t, ref class, gradient, before, .. } = *seen;
+        let SeenAt { row: function, t, ref class, gradient, before, bend, .. } = *seen;
         if class.opacity <= 0.0 {
             return None;
         }
@@ -246,7 +253,8 @@ impl<'a> Line<'a> {
         let facing = facing(gradient, face, self.ray.direction);
         let depth_mm = (self.ray.origin_mm + t * self.ray.direction - self.camera.eye_mm).dot(self.camera.forward);
         let steepness = steepness(gradient, face);
-        let level = style_level(self.camera, self.image_height, depth_mm, self.body.spacing_mm, steepness);
+        let bend = (1.0 - face.weight) * bend;
+        let level = style_level(self.camera, self.image_height, depth_mm, self.body.spacing_mm, steepness, bend);
         // c, and of an ink of its own which it is and how much of it there is.
         let (mut c, mut ink, mut n_xy) = (0.0, None, n_xy);
         if let (Some(contours), Some(before)) = (function.contours, before) {
@@ -389,14 +397,16 @@ pub fn march(
                 if looks.iter().all(|look| most(look) <= 0.0) {
                     return None;
                 }
-                let gradient = line.gradient(&line.slope(t));
+                let [here, behind] = [t, end].map(|t| line.slope(t));
+                let gradient = line.gradient(&here);
+                let bend = bend([line.normal(&here, t), line.normal(&behind, end)], ray.direction, end - t);
                 let cut = line.cut(t, line.body.cut_looks.iter().map(most));
                 let before = line.slope_before(t).map(|slope| line.gradient(&slope));
                 let mut seen = Vec::with_capacity(looks.len());
                 for look in looks {
                     let of_row = |(row, share): (usize, f64)| {
                         let row = &look.rows[row];
-                        SeenAt { row, share, t, class: classify(row, value), gradient, before }
+                        SeenAt { row, share, t, class: classify(row, value), gradient, before, bend }
                     };
                     seen.push(line.rows_at(look, t, gradient).into_iter().map(of_row).collect::<Vec<_>>());
                 }
@@ -527,7 +537,8 @@ impl<'a> PieceOf<'a> {
         let line = self.line;
         let values = [line.value(a), line.value(b)];
         let slopes = [line.slope(a), line.slope(b)];
-        let normals = [0, 1].map(|i| surface_normal(line.gradient(&slopes[i]), line.face([a, b][i])));
+        let normals = [0, 1].map(|i| line.normal(&slopes[i], [a, b][i]));
+        let bend = bend(normals, line.ray.direction, b - a);
         let looks = (normals[0].distance(normals[1]) / largest_turn).ceil().clamp(1.0, MAX_LOOKS);
         let length_mm = (b - a) / looks;
         let look = |look: u32| {
@@ -547,7 +558,7 @@ impl<'a> PieceOf<'a> {
                 let gradient = line.gradient(&slopes[0].towards(&slopes[1], w));
                 let within = (t - self.ends[0]) / (self.ends[1] - self.ends[0]);
                 let before = self.before.as_ref().map(|[a, b]| line.gradient(&a.towards(b, within)));
-                SeenAt { row, share, t, class, gradient, before }
+                SeenAt { row, share, t, class, gradient, before, bend }
             };
             let seen = |(look, shows): (&'a Look<'a>, &bool)| -> Vec<SeenAt<'a>> {
                 let rows = line.rows_at(look, a + middle * (b - a), edge);

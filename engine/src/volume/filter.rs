@@ -66,6 +66,41 @@ impl Filter {
         Ok(Volume { voxels: stored(&volume.voxels, &smooth), derived: Derived::default(), ..volume.clone() })
     }
 
+    /// What [`Filter::apply`] makes of a box of a volume alone: voxels from the first to, exclusive, the last along each index axis
+    /// (within the volume, at least one). What lies around it counts as far as it matters: Gaussians are cut at 4σ, and diffusion is
+    /// cut at four standard deviations of what it would be without edges. Where voxels without data are next to none, what stands in
+    /// for them is the box's.
+    ///
+    /// # Errors
+    /// As [`Filter::apply`].
+    pub fn apply_to_box(&self, volume: &Volume, wanted: [[usize; 2]; 3], progress: &Progress) -> Result<Volume> {
+        self.check()?;
+        let (dims, reach) = (volume.grid.dims(), self.reach(volume.grid.spacing_mm().to_array()));
+        let around: [[usize; 2]; 3] = std::array::from_fn(|i| {
+            let [first, end] = wanted[i];
+            [first.saturating_sub(reach[i]), (end + reach[i]).min(dims[i])]
+        });
+        let inner = std::array::from_fn(|i| wanted[i].map(|n| n - around[i][0]));
+        Ok(self.apply(&volume.cropped(around), progress)?.cropped(inner))
+    }
+
+    /// How far away, in voxels along each axis of voxels so far apart (mm), a voxel counts.
+    fn reach(&self, spacing: [f64; 3]) -> [usize; 3] {
+        match *self {
+            Self::Gaussian { sigma_mm } => {
+                spacing.map(|h| (4.0 * (sigma_mm / h).min(MAX_SIGMA_VOXELS)).ceil() as usize)
+            }
+            Self::Median { radius_voxels } => [radius_voxels; 3],
+            Self::Anisotropic { iterations, .. } => {
+                let (weights, step) = diffusion(spacing);
+                weights.map(|weight| {
+                    let variance = 2.0 * f64::from(step * weight) * f64::from(iterations);
+                    (4.0 * variance.sqrt()).ceil().min(f64::from(iterations)) as usize
+                })
+            }
+        }
+    }
+
     /// Whether its settings make sense.
     ///
     /// # Errors
@@ -134,6 +169,15 @@ fn median(voxels: &Voxels, [nx, ny, nz]: [usize; 3], radius: usize, progress: &P
     Ok(smooth)
 }
 
+/// What differences across each axis count for, and the length of a step of diffusion.
+fn diffusion(spacing: [f64; 3]) -> ([f32; 3], f32) {
+    // Differences across longer axes are those of the same slope over a longer way, and count for less.
+    let finest = spacing.into_iter().fold(f64::INFINITY, f64::min);
+    let weights = spacing.map(|h| ((finest / h) * (finest / h)) as f32);
+    // Stable, and never beyond the neighbors' values, as long as the weights' sum is at most 1.
+    (weights, 1.0 / (1.0 + 2.0 * weights.iter().sum::<f32>()))
+}
+
 fn diffuse(
     voxels: &Voxels,
     [nx, ny, nz]: [usize; 3],
@@ -144,12 +188,9 @@ fn diffuse(
 ) -> Result<Vec<f32>> {
     let mut values = singles(voxels);
     let mut next = values.clone();
-    // Differences across longer axes are those of the same slope over a longer way, and count for less.
+    let (weights, step) = diffusion(spacing);
     let finest = spacing.into_iter().fold(f64::INFINITY, f64::min);
-    let weights = spacing.map(|h| ((finest / h) * (finest / h)) as f32);
     let slopes = spacing.map(|h| (finest / h / edge) as f32);
-    // Stable, and never beyond the neighbors' values, as long as the weights' sum is at most 1.
-    let step = 1.0 / (1.0 + 2.0 * weights.iter().sum::<f32>());
     progress.begin("diffusion", u64::from(iterations) * nz as u64);
     for _ in 0..iterations {
         next.par_chunks_mut(nx * ny).enumerate().try_for_each(|(z, plane)| {
@@ -279,6 +320,28 @@ mod tests {
         for (along, h) in [(stored(14, 12, 12), 1.0f64), (stored(12, 13, 12), 1.0), (stored(12, 12, 14), 1.5)] {
             let expected = (-0.5 * (h / 1.5).powi(2)).exp();
             assert!((along / peak - expected).abs() < 0.02, "{along} {peak} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_box_alone_is_what_it_is_of_the_whole() {
+        let noisy = volume(DVec3::new(1.0, 0.8, 1.5), |p| 200.0 + 5.0 * p[0] as f64 + 80.0 * noise(p));
+        for filter in ALL.into_iter().chain([Filter::Anisotropic { edge: 30.0, iterations: 3 }]) {
+            let whole = filter.apply(&noisy, &Progress::new()).unwrap();
+            // In the middle, on a corner, and a single layer.
+            for wanted in [[[9, 15], [8, 12], [10, 13]], [[0, 4], [20, 24], [0, 1]], [[0, 24], [0, 24], [12, 13]]] {
+                let part = filter.apply_to_box(&noisy, wanted, &Progress::new()).unwrap();
+                let first = wanted.map(|w| w[0]);
+                for i in 0..part.grid.num_voxels() {
+                    let [nx, ny, _] = part.grid.dims();
+                    let [x, y, z] = [i % nx, i / nx % ny, i / (nx * ny)];
+                    let (a, b) = (part.value(x, y, z), whole.value(x + first[0], y + first[1], z + first[2]));
+                    // Values are rounded to steps of 2.
+                    assert!((a - b).abs() <= 2.0, "{filter:?} {wanted:?} {x} {y} {z}: {a} {b}");
+                }
+                let corner = noisy.grid.world_from_index().transform_point3(DVec3::from_array(first.map(|n| n as f64)));
+                assert!(part.grid.world_from_index().translation.distance(corner) < 1e-9);
+            }
         }
     }
 

@@ -12,11 +12,12 @@ pub mod no_data;
 pub mod prefilter;
 pub mod statistics;
 
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use bricks::MinMaxBricks;
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use labels::{Label, LabelMap};
 use no_data::fill_no_data;
 use statistics::Statistics;
@@ -106,6 +107,25 @@ impl Voxels {
             Self::I64(_) => "int64",
             Self::F32(_) => "float32",
             Self::F64(_) => "float64",
+        }
+    }
+
+    /// Ranges of them, one after the other.
+    fn gathered(&self, ranges: impl Iterator<Item = Range<usize>>) -> Self {
+        fn of<T: Copy>(voxels: &[T], ranges: impl Iterator<Item = Range<usize>>) -> Vec<T> {
+            ranges.flat_map(|range| voxels[range].iter().copied()).collect()
+        }
+        match self {
+            Self::U8(v) => Self::U8(of(v, ranges)),
+            Self::I8(v) => Self::I8(of(v, ranges)),
+            Self::U16(v) => Self::U16(of(v, ranges)),
+            Self::I16(v) => Self::I16(of(v, ranges)),
+            Self::U32(v) => Self::U32(of(v, ranges)),
+            Self::I32(v) => Self::I32(of(v, ranges)),
+            Self::U64(v) => Self::U64(of(v, ranges)),
+            Self::I64(v) => Self::I64(of(v, ranges)),
+            Self::F32(v) => Self::F32(of(v, ranges)),
+            Self::F64(v) => Self::F64(of(v, ranges)),
         }
     }
 
@@ -352,6 +372,36 @@ impl Volume {
     /// The structures at a place in the world (RAS mm), one a layer, of a volume that shows structures in their colors.
     pub fn structures_at(&self, position_mm: DVec3) -> Vec<&Label> {
         self.labels.iter().filter_map(|layer| layer.label_at(position_mm)).collect()
+    }
+
+    /// A box of it, where it lies: from the first to, exclusive, the last voxel along each index axis. Without its colors and structures.
+    ///
+    /// # Panics
+    /// If there is no voxel in it, or it is not within the volume.
+    #[must_use]
+    pub fn cropped(&self, part: [[usize; 2]; 3]) -> Self {
+        let [nx, ny, _] = self.grid.dims();
+        let [x, y, z] = part;
+        let rows = (z[0]..z[1]).flat_map(|z| (y[0]..y[1]).map(move |y| nx * (y + ny * z)));
+        let voxels = self.voxels.gathered(rows.map(|row| row + x[0]..row + x[1]));
+        let first = DVec3::from_array(part.map(|p| p[0] as f64));
+        let affine = self.grid.world_from_index() * DAffine3::from_translation(first);
+        let grid = Grid::new(part.map(|p| p[1] - p[0]), affine).unwrap_or_else(|e| panic!("{e}"));
+        Self {
+            grid,
+            orientation: self.orientation.clone(),
+            voxels,
+            rescale: self.rescale,
+            modality: self.modality,
+            colors: None,
+            labels: Vec::new(),
+            description: self.description.clone(),
+            format: self.format.clone(),
+            source: self.source.clone(),
+            num_frames: self.num_frames,
+            warnings: self.warnings.clone(),
+            derived: Derived::default(),
+        }
     }
 
     /// Decoded size in bytes: voxels in the stored type, colors, and numbers of structures.

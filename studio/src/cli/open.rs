@@ -28,10 +28,13 @@ pub struct Arguments {
 pub fn run(arguments: Arguments) -> Result<()> {
     let begun = Instant::now();
     let session = Session::open(Session::default_folder());
+    let wardrobe = super::styles::wardrobe(arguments.styles.as_ref())?;
     open_window(Options {
         adapter: arguments.adapter,
         files: arguments.files,
-        styles: super::styles::library(arguments.styles.as_ref())?,
+        styles: wardrobe.styles,
+        themes: wardrobe.themes,
+        fault: wardrobe.fault,
         styles_folder: arguments.styles.or_else(|| session.styles_folder()),
         session,
         system_dialogs: true,

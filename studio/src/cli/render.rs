@@ -15,7 +15,8 @@ use super::progress_bar::Bar;
 use super::setup::{self, BordersName, parse_size, peak_memory_mb};
 use super::{UsageError, volumes};
 use crate::figure::template::{Background, Page, QualityName};
-use crate::figure::{Template, bridge, sources, theme};
+use crate::figure::theme::NO_THEME;
+use crate::figure::{Template, bridge, sources};
 
 #[derive(clap::Args, Debug)]
 pub struct Arguments {
@@ -30,7 +31,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", value_parser = parse_positive)]
     dpi: Option<f64>,
     /// A theme, by name, in place of the template's (see `fabrica styles`); "none": none.
-    #[arg(long, value_name = "NAME", value_parser = parse_theme)]
+    #[arg(long, value_name = "NAME")]
     theme: Option<String>,
     /// transparent or #rrggbb, in place of the template's and of the theme's.
     #[arg(long, value_name = "COLOR")]
@@ -63,16 +64,6 @@ pub struct Arguments {
 
 fn parse_positive(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|d: &f64| d.is_finite() && *d > 0.0).ok_or_else(|| "write a positive number".to_owned())
-}
-
-/// What stands for no theme on the command line.
-const NO_THEME: &str = "none";
-
-fn parse_theme(name: &str) -> Result<String, String> {
-    if name == NO_THEME {
-        return Ok(name.to_owned());
-    }
-    theme::named(name).map(|theme| theme.name.clone()).map_err(|unknown| format!("{unknown} or none"))
 }
 
 /// Pixels and dpi of an export: `size` sets the pixels, `dpi` the resolution, each follows from the page otherwise.
@@ -114,15 +105,20 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     let out = &arguments.out;
     check_out(out)?;
     let replacements = arguments.volumes.replacements(matches)?;
+    let wardrobe = super::styles::wardrobe(arguments.styles.as_ref())?;
+    let themes = &wardrobe.themes;
     let mut template = Template::read(&arguments.template)?;
-    if let Some(name) = &arguments.theme {
+    if let Some(name) = arguments.theme.as_ref() {
         template.theme = Some(name.clone()).filter(|name| name != NO_THEME);
+        if let Err(unknown) = themes.of(&template) {
+            return Err(UsageError::because(format!("{unknown} or {NO_THEME}")));
+        }
     }
-    if let Err(unknown) = theme::of(&template) {
+    if let Err(unknown) = themes.of(&template) {
         say!("warning: {unknown}; the figure is drawn without it");
         template.theme = None;
     }
-    let background = arguments.background.unwrap_or_else(|| theme::background(&template));
+    let background = arguments.background.unwrap_or_else(|| themes.background(&template));
     if let Some(quality) = arguments.quality {
         template.quality = quality;
     }
@@ -131,7 +127,6 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     let progress = Progress::new();
     let _bar = Bar::watch(&progress);
 
-    let styles = super::styles::library(arguments.styles.as_ref())?;
     // The adapter starts (a driver, often a compiler) while the volume is read.
     let choice = arguments.adapter.clone();
     let adapter = std::thread::spawn(move || GpuContext::new(&choice));
@@ -141,7 +136,7 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
         say!("warning: {warning}");
     }
     clock.lap("volumes");
-    let (mut scene, notes) = bridge::scene(&template, &sources, &styles, &progress)?;
+    let (mut scene, notes) = bridge::scene(&template, &sources, &wardrobe, &progress)?;
     scene.background = bridge::background(background);
     if arguments.verbose {
         notes.iter().for_each(|note| say!("note: {note}"));

@@ -63,7 +63,7 @@ impl Stage {
         for warning in sources.warnings() {
             say!("warning: {warning}");
         }
-        let (scene, _) = bridge::scene(&template, &sources, &super::styles::library(None)?, progress)?;
+        let (scene, _) = bridge::scene(&template, &sources, &super::styles::wardrobe(None)?, progress)?;
         Ok(Self { template, scene, renderer })
     }
 

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use fabrica_engine::styles::StyleLibrary;
 
-use crate::figure::theme;
+use crate::figure::theme::{Theme, Themes, Wardrobe};
 
 use crate::editor::session::Session;
 
@@ -30,21 +30,43 @@ enum Command {
     Extract(extract::Arguments),
 }
 
-/// The built-in styles, those of the user's folder, and those of a folder if one is named; later ones take the place of earlier ones
-/// of the same name.
-pub fn library(folder: Option<&PathBuf>) -> Result<StyleLibrary> {
-    let mut library = StyleLibrary::embedded();
+/// All that figures can be drawn in, with what is the user's own.
+pub struct Owned {
+    pub styles: StyleLibrary,
+    pub themes: Themes,
+    /// What of the user's own is left out, and why: one sentence. It is said on stderr already.
+    pub fault: Option<String>,
+}
+
+impl<'a> From<&'a Owned> for Wardrobe<'a> {
+    fn from(owned: &'a Owned) -> Self {
+        Self { styles: &owned.styles, themes: &owned.themes }
+    }
+}
+
+/// The built-in styles and themes, those of the user's folder, and those of a folder if one is named. Later styles take the place of
+/// earlier ones of the same name.
+pub fn wardrobe(folder: Option<&PathBuf>) -> Result<Owned> {
+    let (mut styles, mut themes, mut fault) = (StyleLibrary::embedded(), Themes::built_in().clone(), None);
     if let Some(own) = own_folder().filter(|own| own.is_dir()) {
         // What the user did not name must not keep anything from being drawn.
-        match library.clone().with_folder(&own) {
-            Ok(with_own) => library = with_own,
-            Err(error) => say!("warning: your own styles are left out: {error}"),
+        match styles.clone().with_folder(&own) {
+            Ok(with_own) => styles = with_own,
+            Err(error) => fault = Some(format!("your own styles are left out: {error}")),
+        }
+        match themes.clone().with_folder(&own, &styles) {
+            Ok(with_own) => themes = with_own,
+            Err(error) => fault = Some(format!("your own themes are left out: {error}")),
         }
     }
-    Ok(match folder {
-        Some(folder) => library.with_folder(folder)?,
-        None => library,
-    })
+    if let Some(fault) = &fault {
+        say!("warning: {fault}");
+    }
+    if let Some(folder) = folder {
+        styles = styles.with_folder(folder)?;
+        themes = themes.with_folder(folder, &styles)?;
+    }
+    Ok(Owned { styles, themes, fault })
 }
 
 /// Where styles are kept that the program made for the user.
@@ -57,13 +79,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(Command::Extract(arguments)) = &arguments.command {
         return extract::run(arguments);
     }
-    let library = library(arguments.styles.as_ref())?;
+    let Owned { styles: library, themes, .. } = wardrobe(arguments.styles.as_ref())?;
     if arguments.json {
-        let listed = serde_json::json!({"styles": library.infos().collect::<Vec<_>>(), "themes": theme::all()});
+        let themes: Vec<&Theme> = themes.all().iter().map(AsRef::as_ref).collect();
+        let listed = serde_json::json!({"styles": library.infos().collect::<Vec<_>>(), "themes": themes});
         return super::print_line(&serde_json::to_string_pretty(&listed)?);
     }
     let styles = library.infos().map(|s| format!("{:17} {}", s.name, s.description));
-    let themes = theme::all().iter().map(|t| format!("{:17} {}", t.name, t.description));
+    let themes = themes.all().iter().map(|t| format!("{:17} {}", t.name, t.description));
     let heading = ["", "Themes (\"theme\" in a template, or render --theme NAME):"].map(str::to_owned);
     let lines: Vec<String> = styles.chain(heading).chain(themes).collect();
     super::print_line(&lines.join("\n"))

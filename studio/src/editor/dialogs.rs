@@ -66,7 +66,10 @@ pub fn show(
 ) -> Option<Choice> {
     let mut chosen = None;
     let frame = egui::Frame::popup(&ctx.global_style()).inner_margin(20).corner_radius(8);
-    let modal = Modal::new(egui::Id::unique("dialog")).frame(frame).show(ctx, |ui| {
+    // One dialog after another has a size of its own: with the same name it would be where the other's size puts it, for a frame that
+    // may stay for long.
+    let id = egui::Id::unique(("dialog", std::mem::discriminant(dialog)));
+    let modal = Modal::new(id).frame(frame).show(ctx, |ui| {
         ui.set_width(if matches!(dialog, Dialog::Style(_)) { 660.0 } else { 440.0 });
         chosen = match dialog {
             Dialog::Path(purpose, text) => path(ui, *purpose, text),

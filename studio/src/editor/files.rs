@@ -210,9 +210,12 @@ pub struct Filled {
     pub volume: Arc<Volume>,
     /// What it is dressed in now, where its numbers mean something else than before.
     pub look: Option<ObjectTemplate>,
+    /// What was read for it, before its filters; none where it has none.
+    pub unfiltered: Option<Arc<Volume>>,
 }
 
-/// Reads the volume of a slot as [`load_slot`] does; `has_new_look`: and dresses it anew.
+/// Reads the volume of a slot as [`load_slot`] does, or takes what was read for it before its filters; `has_new_look`: and dresses it
+/// anew.
 ///
 /// # Errors
 /// One sentence from the reader.
@@ -221,11 +224,17 @@ pub fn fill_slot(
     folder: &Path,
     has_new_look: bool,
     limits: Limits,
+    unfiltered: Option<Arc<Volume>>,
     progress: &Progress,
 ) -> Result<Filled> {
-    let volume = load_slot(slot, folder, limits, progress)?;
+    let before = match unfiltered {
+        Some(known) => known,
+        None => load_slot(&slot.unfiltered(), folder, limits, progress)?,
+    };
+    let volume = sources::filtered(slot, before.clone(), progress)?;
+    counted(&volume, progress)?;
     let look = has_new_look.then(|| first_look::look(&volume, slot, progress)).transpose()?;
-    Ok(Filled { volume, look })
+    Ok(Filled { volume, look, unfiltered: Some(before).filter(|_| !slot.filters.is_empty()) })
 }
 
 /// Reads the volume of a slot and gives it a first look, or asks how it shall be read.

@@ -8,7 +8,8 @@ use eframe::egui::{Color32, ColorImage, Context, Painter, Pos2, Rect, TextureHan
 use fabrica_engine::color::srgb8_from_linear;
 use fabrica_engine::styles::{StyleImage, StyleLibrary};
 
-use crate::figure::theme::Theme;
+use crate::figure::Template;
+use crate::figure::theme::{Theme, Themes, Wardrobe};
 
 /// Mip level of the styles that is shown, and its pixels a side: 256 / 2².
 const LEVEL: usize = 2;
@@ -25,17 +26,18 @@ struct Sphere {
 /// Pictures of the styles of a library.
 pub struct Gallery {
     library: Arc<StyleLibrary>,
+    themes: Arc<Themes>,
     /// What styles are drawn in.
-    theme: Option<&'static Theme>,
+    theme: Option<Arc<Theme>>,
     spheres: HashMap<String, Sphere>,
     made: Receiver<(String, ColorImage, Color32)>,
 }
 
 impl Gallery {
     /// Begins to make the pictures; [`Gallery::poll`] takes them in.
-    pub fn start(ctx: &Context, library: Arc<StyleLibrary>) -> Self {
+    pub fn start(ctx: &Context, library: Arc<StyleLibrary>, themes: Arc<Themes>) -> Self {
         let made = make(ctx, library.clone(), None);
-        Self { library, theme: None, spheres: HashMap::new(), made }
+        Self { library, themes, theme: None, spheres: HashMap::new(), made }
     }
 
     /// Goes on with another library, which has a new style of this name.
@@ -55,14 +57,19 @@ impl Gallery {
         }
     }
 
-    /// From now on, what a theme draws is shown for each style; none: the style itself.
-    pub fn set_theme(&mut self, theme: Option<&'static Theme>) {
-        self.theme = theme;
+    /// From now on, what the figure's theme draws is shown for each style; without a figure or a theme, the style itself.
+    pub fn follow_theme(&mut self, figure: Option<&Template>) {
+        self.theme = figure.and_then(|figure| self.themes.of(figure).ok().flatten()).cloned();
     }
 
     /// The name of the style that is drawn where a figure names `name`.
-    pub fn drawn<'a>(&self, name: &'a str) -> &'a str {
-        self.theme.map_or(name, |theme| theme.style(name))
+    pub fn drawn<'a>(&'a self, name: &'a str) -> &'a str {
+        self.theme.as_ref().map_or(name, |theme| self.themes.style(theme, name))
+    }
+
+    /// All that figures can be drawn in.
+    pub fn wardrobe(&self) -> Wardrobe<'_> {
+        Wardrobe { styles: &self.library, themes: &self.themes }
     }
 
     /// The styles themselves.

@@ -5,6 +5,7 @@ pub mod autosave;
 pub mod dialogs;
 pub mod file_dialog;
 pub mod files;
+pub mod filter_preview;
 pub mod find_file;
 pub mod gallery;
 mod gizmo;

@@ -8,7 +8,6 @@ use eframe::egui::Response;
 use fabrica_engine::Progress;
 use fabrica_engine::scene::Scene;
 use fabrica_engine::selection::{DistanceField, Structure};
-use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::Volume;
 use glam::DVec3;
 
@@ -18,10 +17,14 @@ use crate::figure::sources::{self, Selections, Sources};
 use crate::figure::template::{
     MoveTemplate, ObjectTemplate, Reference, RegionTemplate, SelectionSlot, TransferFunctionTemplate, VolumeSlot,
 };
+use crate::figure::theme::Wardrobe;
 use crate::figure::{Command, Document, Template, bridge};
 
 /// What the radius depends on that lengths are relative to.
 type RadiusOf = (TransferFunctionTemplate, Reference, Arc<Volume>);
+
+/// The most that volumes take that are kept though no slot has them now: what filters were applied to, and what undo may want.
+const KEPT_BYTES: usize = 2 << 30;
 
 /// A figure that is open.
 pub struct OpenFigure {
@@ -193,10 +196,33 @@ impl OpenFigure {
         })
     }
 
-    /// Keeps a volume for a slot.
+    /// Keeps a volume for a slot. What no slot has now is given up beyond [`KEPT_BYTES`], what filters made first, then what was kept
+    /// first: undo makes or reads it again.
     pub fn keep_volume(&mut self, slot: VolumeSlot, volume: Arc<Volume>) {
+        self.volumes.retain(|(read, _)| !read.reads_same(&slot));
         self.volumes.push((slot, volume));
         self.scene = None;
+        let wanted = &self.document.figure().volumes;
+        // The one that has just come is about to be used.
+        let last = self.volumes.len() - 1;
+        let is_spare = |(i, (slot, _)): &(usize, &(VolumeSlot, _))| {
+            *i != last && !wanted.iter().any(|wanted| wanted.reads_same(slot))
+        };
+        let mut spare: Vec<usize> = self.volumes.iter().enumerate().filter(is_spare).map(|(i, _)| i).collect();
+        spare.sort_by_key(|i| (!self.volumes[*i].0.filters.is_empty(), std::cmp::Reverse(*i)));
+        let mut bytes = 0;
+        let mut kept: Vec<bool> = vec![true; self.volumes.len()];
+        for i in spare {
+            bytes += self.volumes[i].1.num_bytes();
+            kept[i] = bytes <= KEPT_BYTES;
+        }
+        let mut kept = kept.into_iter();
+        self.volumes.retain(|_| kept.next().unwrap_or(true));
+    }
+
+    /// What was read for a slot before its filters, if it is still there.
+    pub fn unfiltered(&self, slot: &VolumeSlot) -> Option<&Arc<Volume>> {
+        self.volume_of(&slot.unfiltered())
     }
 
     /// The slots change their files' names, in the past as well: the figure is saved elsewhere.
@@ -372,12 +398,12 @@ impl OpenFigure {
     }
 
     /// The scene that the figure is just now; `None` where it has no meaning, or a volume is missing.
-    pub fn scene(&mut self, styles: &StyleLibrary) -> Option<Arc<Scene>> {
+    pub fn scene<'a>(&mut self, wardrobe: impl Into<Wardrobe<'a>>) -> Option<Arc<Scene>> {
         let figure = self.document.figure();
         if self.scene.as_ref().is_none_or(|(of, _)| !Arc::ptr_eq(of, figure)) {
             let scene = self
                 .sources()
-                .and_then(|sources| bridge::scene(figure, &sources, styles, &Progress::new()).ok())
+                .and_then(|sources| bridge::scene(figure, &sources, wardrobe, &Progress::new()).ok())
                 .map(|(scene, _)| Arc::new(scene));
             self.scene = Some((figure.clone(), scene));
         }
@@ -492,6 +518,7 @@ impl OpenFigure {
 mod tests {
     use fabrica_engine::selection::{BrickPool, Selection};
     use fabrica_engine::spaces::Grid;
+    use fabrica_engine::styles::StyleLibrary;
     use fabrica_engine::volume::{Rescale, Voxels};
     use glam::DAffine3;
 

@@ -23,6 +23,7 @@ use fabrica_engine::{color, estimate};
 use super::files::is_cancelled;
 use super::wording;
 use crate::figure::sources::Sources;
+use crate::figure::theme::{Themes, Wardrobe};
 use crate::figure::{Template, bridge};
 
 /// A figure to draw.
@@ -112,6 +113,8 @@ struct Desk {
     styles: Arc<StyleLibrary>,
     /// The last request that nobody has begun yet.
     request: Option<(u64, Request)>,
+    /// What may be asked for next: drawn very small while there is no request, so that what it needs is compiled.
+    likely: Vec<Request>,
     /// Cancels what is being drawn.
     current: Option<Progress>,
     /// The volumes of what is being drawn.
@@ -195,7 +198,12 @@ impl Pace {
 
 impl Painter {
     /// Starts the thread; `wake` is called, there, whenever there is an update.
-    pub fn start(choice: AdapterChoice, styles: Arc<StyleLibrary>, wake: impl Fn() + Send + 'static) -> Self {
+    pub fn start(
+        choice: AdapterChoice,
+        styles: Arc<StyleLibrary>,
+        themes: Arc<Themes>,
+        wake: impl Fn() + Send + 'static,
+    ) -> Self {
         let desk = Arc::new((Mutex::new(Desk { styles, ..Desk::default() }), Condvar::new()));
         let (sender, updates) = channel();
         let theirs = desk.clone();
@@ -205,7 +213,7 @@ impl Painter {
                 let _ = sender.send(update);
                 wake();
             };
-            paint(&theirs, &choice, &tell);
+            paint(&theirs, &choice, &themes, &tell);
         });
         Self { desk, updates, thread: Some(thread) }
     }
@@ -225,6 +233,16 @@ impl Painter {
         }
         bell.notify_one();
         number
+    }
+
+    /// Gets ready for figures of which one may be asked for next: compiling a shader takes a software adapter up to seconds. They wait
+    /// behind every request, and none of their pictures is shown.
+    pub fn expect(&self, mut figures: Vec<Request>) {
+        let (desk, bell) = &*self.desk;
+        // The last is taken first.
+        figures.reverse();
+        desk.lock().unwrap_or_else(PoisonError::into_inner).likely = figures;
+        bell.notify_one();
     }
 
     /// What is asked for from now on may be dressed in these.
@@ -267,9 +285,11 @@ impl Drop for Painter {
     }
 }
 
-fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, tell: &dyn Fn(Update)) {
+fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, themes: &Themes, tell: &dyn Fn(Update)) {
     let mut renderer: Option<Renderer> = None;
     let mut pace = Pace { stride: 4, step: STEPS.0, tile: 128 };
+    // What the likely figures before had: those that have the same need the same shader.
+    let mut expected: Vec<Features> = Vec::new();
     loop {
         let (number, request, styles, progress) = {
             let (lock, bell) = desk;
@@ -288,12 +308,29 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, tell: &dyn Fn(Up
                     {
                         renderer.context().device.destroy();
                     }
-                    break (number, request, desk.styles.clone(), progress);
+                    expected.clear();
+                    break (Some(number), request, desk.styles.clone(), progress);
+                }
+                if let Some(request) = desk.likely.pop() {
+                    let progress = Progress::new();
+                    desk.current = Some(progress.clone());
+                    // A request cancels it.
+                    desk.is_refining = true;
+                    break (None, request, desk.styles.clone(), progress);
                 }
                 desk.current = None;
                 desk.volumes.clear();
                 desk = bell.wait(desk).unwrap_or_else(PoisonError::into_inner);
             }
+        };
+        let wardrobe = Wardrobe { styles: &styles, themes };
+        let Some(number) = number else {
+            if let Some(renderer) = &mut renderer {
+                // What cannot be drawn says so when it is asked for.
+                let work = AssertUnwindSafe(|| expect(renderer, &request, wardrobe, &mut expected, &progress));
+                let _ = std::panic::catch_unwind(work);
+            }
+            continue;
         };
         let tell_drawn = |update: Update| {
             let is_coarse = matches!(update, Update::Rows { stage: Stage::Coarse, .. });
@@ -310,7 +347,7 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, tell: &dyn Fn(Up
         let mut once = |renderer: &mut Option<Renderer>| {
             let work = AssertUnwindSafe(|| {
                 open(renderer, choice, tell)
-                    .and_then(|renderer| draw(renderer, number, &request, &styles, &mut pace, &progress, &tell_drawn))
+                    .and_then(|renderer| draw(renderer, number, &request, wardrobe, &mut pace, &progress, &tell_drawn))
             });
             // wgpu's helpers panic where a device is lost between two calls. The window must not lose its painter by that.
             std::panic::catch_unwind(work).unwrap_or_else(|_| {
@@ -330,6 +367,31 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, tell: &dyn Fn(Up
             Err(error) => tell(Update::Failed { number, message: wording::sentence(&error) }),
         }
     }
+}
+
+/// What of an object decides, for one figure in several themes, which shader draws it: contours, illustrative transparency, light.
+type Features = [bool; 3];
+
+/// Pixels a side of a picture that is drawn to have its shader compiled.
+const TINY: u32 = 8;
+
+/// Draws a figure so small that nothing but compiling its shader takes time.
+fn expect(
+    renderer: &mut Renderer,
+    request: &Request,
+    wardrobe: Wardrobe<'_>,
+    expected: &mut Vec<Features>,
+    progress: &Progress,
+) -> Result<()> {
+    let (scene, _) = bridge::scene(&request.figure, &request.sources, wardrobe, progress)?;
+    let Some(object) = scene.objects.first() else { return Ok(()) };
+    let features = [object.has_contours(), object.has_illustrative_transparency(), object.lighting.is_some()];
+    if !expected.contains(&features) {
+        let tiny = Scene { quality: Quality::DRAFT, ..scene.clone() };
+        renderer.render(&tiny, [TINY; 2], &RenderOptions::default(), progress)?;
+        expected.push(features);
+    }
+    Ok(())
 }
 
 fn open<'a>(
@@ -352,13 +414,13 @@ fn draw(
     renderer: &mut Renderer,
     number: u64,
     request: &Request,
-    styles: &StyleLibrary,
+    wardrobe: Wardrobe<'_>,
     pace: &mut Pace,
     progress: &Progress,
     tell: &dyn Fn(Update),
 ) -> Result<()> {
     let start = Instant::now();
-    let (scene, _) = bridge::scene(&request.figure, &request.sources, styles, progress)?;
+    let (scene, _) = bridge::scene(&request.figure, &request.sources, wardrobe, progress)?;
     let draft = Scene { quality: Quality::DRAFT, ..scene.clone() };
     let rows = |size: [u32; 2], y: u32, pixels: &[[f32; 4]], stage| {
         let (size, y) = (size.map(|n| n as usize), y as usize);

@@ -55,12 +55,12 @@ impl Timings {
         self.undo_ms.push(1e3 * time.as_secs_f64());
     }
 
-    /// Writes everything as JSON, with the times of the coarse pictures, of frames' shares of strokes, and from those to the pictures
-    /// that show them.
+    /// Writes everything as JSON, with the times of the coarse pictures, of frames' shares of strokes, and from those, and from
+    /// another theme, to the pictures that show them.
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn write(&self, coarse_ms: &[f64], dab_ms: &[f64], seen_ms: &[f64]) -> Result<()> {
+    pub fn write(&self, coarse_ms: &[f64], dab_ms: &[f64], seen_ms: &[f64], theme_ms: &[f64]) -> Result<()> {
         let of = |times: &[f64]| {
             let mut sorted = times.to_vec();
             sorted.sort_by(f64::total_cmp);
@@ -75,6 +75,7 @@ impl Timings {
             "undo_ms": of(&self.undo_ms),
             "dabs_of_a_frame_ms": of(dab_ms),
             "dabs_to_their_picture_ms": of(seen_ms),
+            "themes_to_their_picture_ms": of(theme_ms),
         });
         let text = serde_json::to_string_pretty(&report)? + "\n";
         std::fs::write(&self.path, text)

@@ -30,6 +30,7 @@ use super::tools::FigureView;
 use super::{theme, view};
 use crate::figure::command::{Chosen, FunctionOf, function_at};
 use crate::figure::template::CameraTemplate;
+use crate::figure::theme::{Theme, Themes};
 use crate::figure::{Command, Template};
 
 /// Radians that an arrow key turns, and the share of the height that it moves with Shift.
@@ -65,6 +66,10 @@ pub struct Picture {
     dabs: Vec<(Instant, Option<u64>)>,
     /// Times from the beginning of a frame with dabs to the first picture that shows them, ms.
     pub dab_ms: Vec<f64>,
+    /// When another theme was asked for whose picture is still to come, and the request that shows it.
+    themed: Option<(Instant, u64)>,
+    /// Times from asking for another theme to the first picture in it, ms.
+    pub theme_ms: Vec<f64>,
 }
 
 impl Picture {
@@ -75,6 +80,7 @@ impl Picture {
             forgotten: self.number,
             coarse_ms: std::mem::take(&mut self.coarse_ms),
             dab_ms: std::mem::take(&mut self.dab_ms),
+            theme_ms: std::mem::take(&mut self.theme_ms),
             ..Self::default()
         };
     }
@@ -94,6 +100,17 @@ impl Picture {
         self.asked = None;
     }
 
+    /// The figure in each of these themes, as it would be asked for.
+    pub fn in_themes(&self, open: &OpenFigure, themes: &Themes) -> Vec<Request> {
+        let (Some(sources), Some((_, size, _))) = (open.sources(), &self.asked) else { return Vec::new() };
+        let in_theme = |theme: &Arc<Theme>| {
+            let figure = Template { theme: Some(theme.name.clone()), ..Template::clone(open.document.figure()) };
+            let sources = sources.clone();
+            Request { figure: Arc::new(figure), sources, size: *size, coarse_only: true, is_painted: false }
+        };
+        themes.all().iter().map(in_theme).collect()
+    }
+
     fn ask(&mut self, painter: &Painter, open: &OpenFigure, size: [u32; 2], rests: bool) {
         let figure = open.document.figure();
         let coarse_only = open.document.in_motion() && !rests;
@@ -111,6 +128,9 @@ impl Picture {
         self.number = painter.ask(Request { figure: figure.clone(), sources, size, coarse_only, is_painted });
         self.dabs.iter_mut().for_each(|(_, shown_by)| *shown_by = shown_by.or(Some(self.number)));
         (self.stage, self.error_codes, self.asked_at) = (None, None, Some(Instant::now()));
+        if self.asked.as_ref().is_some_and(|(before, ..)| before.theme != figure.theme) {
+            self.themed = Some((Instant::now(), self.number));
+        }
         self.asked = Some((figure.clone(), size, coarse_only));
     }
 
@@ -137,6 +157,9 @@ impl Picture {
                     && let Some(asked) = self.asked_at.take()
                 {
                     self.coarse_ms.push(asked.elapsed().as_secs_f64() * 1e3);
+                }
+                if let Some((asked, _)) = self.themed.take_if(|(_, shown_by)| *shown_by <= number) {
+                    self.theme_ms.push(asked.elapsed().as_secs_f64() * 1e3);
                 }
                 let dab_ms = &mut self.dab_ms;
                 self.dabs.retain(|(begun, shown_by)| {
@@ -311,7 +334,7 @@ impl Viewport {
         match self.is_tools {
             true => self.gizmo.forget(),
             false => {
-                if let Some(scene) = open.scene(gallery.library()).filter(|_| open.chosen_region().is_some()) {
+                if let Some(scene) = open.scene(gallery.wardrobe()).filter(|_| open.chosen_region().is_some()) {
                     self.gizmo.follow(ui, open, &scene.camera, frame, &response);
                 } else {
                     self.gizmo.forget();
@@ -335,7 +358,7 @@ impl Viewport {
         }
         paint_surroundings(ui, &painter, frame, &open.document.figure().camera, &page, assumption.as_deref());
         if let Some(marker_mm) = self.marker_mm
-            && let Some(scene) = open.scene(gallery.library())
+            && let Some(scene) = open.scene(gallery.wardrobe())
             && let Some(at) = seen_at(&scene.camera, marker_mm)
         {
             mark(&painter.with_clip_rect(frame), frame.center() + frame.height() * at);
@@ -347,7 +370,7 @@ impl Viewport {
         self.hover(ui, &response, open, gallery, frame, size);
         function_view.marked = self.answer.as_ref().map(|a| a.pick.value).or(self.under().map(|u| u.value));
         let is_aimed = response.hovered() || response.is_pointer_button_down_on();
-        let scene = (self.is_tools && is_aimed).then(|| open.scene(gallery.library())).flatten();
+        let scene = (self.is_tools && is_aimed).then(|| open.scene(gallery.wardrobe())).flatten();
         self.aimed = scene.map(|scene| FigureView { frame, size, scene });
         if self.is_tools && (response.clicked() || response.drag_started()) {
             response.request_focus();
@@ -458,7 +481,7 @@ impl Viewport {
         if !frame.contains(at) {
             return None;
         }
-        let scene = open.scene(gallery.library())?;
+        let scene = open.scene(gallery.wardrobe())?;
         let share = (at - frame.min) / frame.size();
         let pixel = |share: f32, n: u32| ((share * n as f32) as u32).min(n - 1);
         pick(&scene, size, pixel(share.x, size[0]), pixel(share.y, size[1]))

@@ -23,23 +23,24 @@ use super::template::{
     MoveTemplate, NodeTemplate, ObjectTemplate, ProjectionName, QualityName, Reference, RegionTemplate,
     ShadingTemplate, Template, Tint, TransferFunctionTemplate, Transparency, is_called,
 };
-use super::theme::{self, Theme};
+use super::theme::{Theme, Wardrobe};
 
 /// The scene of a template with what was read for its slots, and what the user might want to know about how it came about, a
 /// sentence each.
 ///
 /// # Errors
 /// One sentence: an unknown style, a number that makes no sense.
-pub fn scene(
+pub fn scene<'a>(
     template: &Template,
     sources: &Sources,
-    styles: &StyleLibrary,
+    wardrobe: impl Into<Wardrobe<'a>>,
     progress: &Progress,
 ) -> Result<(Scene, Vec<String>)> {
+    let wardrobe = wardrobe.into();
     let reference = reference(template, sources, progress)?;
     let radius_mm = radius_mm(template, reference.as_ref());
     let mut notes = Vec::new();
-    let theme = theme::of(template).unwrap_or_else(|unknown| {
+    let theme = wardrobe.themes.of(template).unwrap_or_else(|unknown| {
         notes.push(format!("{unknown}; the figure is drawn without it"));
         None
     });
@@ -52,8 +53,8 @@ pub fn scene(
             slot.and_then(|i| sources.volumes.get(i)).context("a volume slot of the template is empty; fill it")?;
         let mut making = Making {
             volume,
-            styles,
-            theme,
+            wardrobe,
+            theme: theme.map(Arc::as_ref),
             used: &mut used,
             notes: &mut notes,
             radius_mm,
@@ -79,7 +80,7 @@ pub fn scene(
         camera,
         objects,
         styles: used,
-        background: background(theme::background(template)),
+        background: background(wardrobe.themes.background(template)),
         quality: quality(template.quality),
         page_height_mm: template.figure.height_mm,
     };
@@ -115,8 +116,8 @@ pub(super) fn object(
     progress: &Progress,
 ) -> Result<Object> {
     let (used, notes) = (&mut Vec::new(), &mut Vec::new());
-    let theme = None;
-    Making { volume, styles, theme, used, notes, radius_mm: 1.0, poses: Vec::new(), distances: Vec::new(), progress }
+    let (wardrobe, theme) = (styles.into(), None);
+    Making { volume, wardrobe, theme, used, notes, radius_mm: 1.0, poses: Vec::new(), distances: Vec::new(), progress }
         .object(template)
 }
 
@@ -168,7 +169,7 @@ fn values<'a>(volume: &'a Volume, domain: Domain, progress: &Progress) -> Result
 /// An object of a scene in the making.
 struct Making<'a> {
     volume: &'a Arc<Volume>,
-    styles: &'a StyleLibrary,
+    wardrobe: Wardrobe<'a>,
     /// What the template's styles are drawn in.
     theme: Option<&'a Theme>,
     /// The scene's styles so far.
@@ -223,7 +224,8 @@ impl Making<'_> {
             let mut nodes = Vec::with_capacity(of.len());
             for node in of {
                 let named = style.unwrap_or(&node.style);
-                let style = self.styles.get(self.theme.map_or(named, |theme| theme.style(named)))?;
+                let Wardrobe { styles, themes } = self.wardrobe;
+                let style = styles.get(self.theme.map_or(named, |theme| themes.style(theme, named)))?;
                 let position = self.used.iter().position(|s| Arc::ptr_eq(s, &style)).unwrap_or_else(|| {
                     self.used.push(style);
                     self.used.len() - 1
@@ -325,7 +327,7 @@ impl Making<'_> {
         };
         let function = look.transfer_function.as_ref().unwrap_or(&object.transfer_function);
         let own = look.style.as_deref();
-        let is_veil = || function.all_nodes().any(|node| theme::is_veil(own.unwrap_or(&node.style)));
+        let is_veil = || function.all_nodes().any(|node| self.wardrobe.themes.is_veil(own.unwrap_or(&node.style)));
         let (style, tint) = match (self.theme, tint) {
             (Some(theme), Some(color)) => theme.dress(color, is_veil()),
             (_, tint) => (None, tint),

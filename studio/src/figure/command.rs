@@ -10,7 +10,7 @@ use super::template::{
     QualityName, RegionTemplate, RestTemplate, Rgb, SelectionSlot, SelectionVoxels, ShadingTemplate, StructureTemplate,
     Template, TransferFunctionTemplate, VolumeSlot,
 };
-use super::theme;
+use super::theme::Themes;
 
 /// What has a look of its own in an object: a region, or a structure in a group.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -288,7 +288,7 @@ impl Command {
             Self::SetProjection(ProjectionName::Orthographic) => "Use parallel projection".to_owned(),
             Self::SetBackground(_) => "Change background".to_owned(),
             Self::SetTheme(None) => "Take theme away".to_owned(),
-            Self::SetTheme(Some(name)) => match theme::named(name) {
+            Self::SetTheme(Some(name)) => match Themes::built_in().named(name) {
                 Ok(theme) => format!("Use theme {}", theme.title),
                 Err(_) => format!("Use theme {name}"),
             },

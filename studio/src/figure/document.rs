@@ -243,9 +243,10 @@ mod tests {
     use super::*;
     use crate::figure::command::{Chosen, FunctionOf, function_at};
     use crate::figure::template::{
-        Background, ContoursTemplate, LightTemplate, LightingModel, LightingTemplate, LookTemplate, MeetingStrength,
-        MeetingTemplate, MoveTemplate, NodeTemplate, ProjectionName, QualityName, RegionTemplate, RestTemplate, Rgb,
-        SelectionSlot, ShadingTemplate, Tint, Transparency, VolumeSlot,
+        AcrossTemplate, AxisName, Background, ContoursTemplate, LightTemplate, LightingModel, LightingTemplate,
+        LookTemplate, MeetingStrength, MeetingTemplate, MoveTemplate, NodeTemplate, ProjectionName, QualityName,
+        RegionTemplate, RestTemplate, Rgb, RowTemplate, SelectionSlot, ShadingTemplate, Tint, TransferFunctionTemplate,
+        Transparency, VolumeSlot,
     };
 
     fn figure() -> Template {
@@ -612,8 +613,8 @@ mod tests {
             let object = usize::from(self.below(20) == 0);
             let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
             let part = (self.below(2) == 0).then(|| Chosen { region: self.below(2), structure });
-            let of = FunctionOf { object, part, row: 0 };
-            match self.below(29) {
+            let of = FunctionOf { object, part, row: self.below(2) };
+            match self.below(30) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
@@ -705,6 +706,30 @@ mod tests {
                 26 => Command::SetShading { object, shading: self.shading() },
                 27 => Command::SetLighting { object, lighting: (self.below(3) > 0).then(|| self.lighting()) },
                 28 => Command::SetTheme([None, Some("xray"), Some("unknown")][self.below(3)].map(str::to_owned)),
+                29 => {
+                    let function = function_at(document.figure(), &of)
+                        .unwrap_or_else(|| document.figure().objects[0].transfer_function.clone());
+                    let function = match (&function.across, self.below(4)) {
+                        (None, _) => TransferFunctionTemplate {
+                            across: Some(AcrossTemplate {
+                                by: AxisName::ALL[self.below(3)],
+                                from: Some("liver".to_owned()),
+                                at: self.number(),
+                                rows: vec![RowTemplate {
+                                    at: 2000.0,
+                                    nodes: function.nodes.clone(),
+                                    extra: Default::default(),
+                                }],
+                                extra: Default::default(),
+                            }),
+                            ..function
+                        },
+                        (_, 0) => function.without_row(self.below(3)),
+                        (_, 1) => function.with_row_at(self.below(3), self.number()),
+                        _ => function.with_row(self.number()).0,
+                    };
+                    Command::SetRows { of, function, label: "Change rows".to_owned() }
+                }
                 _ => Command::MoveNode { of, node, at: self.number(), opacity: self.number() },
             }
         }
@@ -742,6 +767,7 @@ mod tests {
             Command::SetShading { .. } => 26,
             Command::SetLighting { .. } => 27,
             Command::SetTheme(_) => 28,
+            Command::SetRows { .. } => 29,
         }
     }
 
@@ -754,9 +780,9 @@ mod tests {
     #[test]
     fn a_random_walk_keeps_the_figure_whole_and_can_be_undone_to_its_first_byte() {
         let first = figure().to_json().unwrap();
-        let mut done = [0; 29];
+        let mut done = [0; 30];
         // Each kind that edits a function, on regions and on structures as well.
-        let mut done_on_parts = [0; 58];
+        let mut done_on_parts = [0; 60];
         for seed in 0..20 {
             let mut dice = Dice(seed);
             let mut document = Document::new(figure());
@@ -798,7 +824,7 @@ mod tests {
             assert_eq!(document.figure().to_json().unwrap(), last, "seed {seed}");
         }
         assert!(done.iter().all(|n| *n > 0), "never done: {done:?}");
-        for kind in [6, 7, 8, 9, 10, 12] {
+        for kind in [6, 7, 8, 9, 10, 12, 29] {
             assert!(done_on_parts[2 * kind] > 0 && done_on_parts[2 * kind + 1] > 0, "{kind}: {done_on_parts:?}");
         }
     }

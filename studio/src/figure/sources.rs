@@ -226,7 +226,10 @@ pub fn load_slot(slot: &VolumeSlot, folder: &Path, limits: Limits, progress: &Pr
 }
 
 /// What was read for a slot, after its filters.
-fn filtered(slot: &VolumeSlot, volume: Arc<Volume>, progress: &Progress) -> Result<Arc<Volume>> {
+///
+/// # Errors
+/// One sentence; that it was cancelled.
+pub fn filtered(slot: &VolumeSlot, volume: Arc<Volume>, progress: &Progress) -> Result<Arc<Volume>> {
     let apply = |volume: Arc<Volume>, filter: &FilterTemplate| filter.filter().apply(&volume, progress).map(Arc::new);
     Ok(slot.filters.iter().try_fold(volume, apply)?)
 }

@@ -102,6 +102,12 @@ pub struct VolumeSlot {
 }
 
 impl VolumeSlot {
+    /// The same without filters.
+    #[must_use]
+    pub fn unfiltered(&self) -> Self {
+        Self { filters: Vec::new(), ..self.clone() }
+    }
+
     /// The slot `name` with a file, which is read whole, its first frame.
     pub fn new(name: &str, file: String) -> Self {
         Self {

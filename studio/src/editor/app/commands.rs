@@ -7,7 +7,6 @@ use anyhow::Result;
 use eframe::egui::{self, Context, ViewportCommand};
 use fabrica_engine::Progress;
 use fabrica_engine::slice::anatomical::Convention;
-use fabrica_engine::styles::StyleLibrary;
 use glam::DVec3;
 
 use super::super::dialogs::{self, Choice, Dialog, Then};
@@ -22,6 +21,7 @@ use super::super::{files, view, wording};
 use super::chrome::{Banner, Notice};
 use super::{Editor, waker};
 use crate::figure::template::{CameraTemplate, QualityName};
+use crate::figure::theme::Wardrobe;
 use crate::figure::{Command, Document, Template, bridge, framing};
 
 impl Editor {
@@ -86,7 +86,7 @@ impl Editor {
         let edit = match command {
             C::Fit => {
                 self.slices.fit();
-                Command::SetCamera(fitted(open, self.gallery.library()))
+                Command::SetCamera(fitted(open, self.gallery.wardrobe()))
             }
             C::FromFront => side(DVec3::Y),
             C::FromBack => side(DVec3::NEG_Y),
@@ -384,8 +384,8 @@ impl Editor {
 }
 
 /// The view of before with the whole object as large in the frame as it can be.
-fn fitted(open: &mut OpenFigure, styles: &StyleLibrary) -> CameraTemplate {
-    let scene = open.scene(styles);
+fn fitted(open: &mut OpenFigure, wardrobe: Wardrobe<'_>) -> CameraTemplate {
+    let scene = open.scene(wardrobe);
     let figure = open.document.figure();
     let sources = open.sources();
     let reference = sources.and_then(|sources| bridge::reference(figure, &sources, &Progress::new()).ok().flatten());

@@ -24,6 +24,7 @@ use super::autosave::Autosave;
 use super::dialogs::{Dialog, Then};
 use super::file_dialog::{Answer, FileDialog};
 use super::files::{self, Filled, Job, Opened, is_cancelled};
+use super::filter_preview::FilterPreview;
 use super::gallery::Gallery;
 use super::open_figure::OpenFigure;
 use super::painter::{Painter, Stage, Update};
@@ -43,7 +44,8 @@ use super::volume_choice::VolumeChoice;
 use super::wording;
 use crate::figure::sources::Selections;
 use crate::figure::template::{SelectionSlot, VolumeSlot};
-use crate::figure::{self, Command, Document};
+use crate::figure::theme::Themes;
+use crate::figure::{Command, Document};
 
 /// With what a window begins.
 pub struct Options {
@@ -53,6 +55,10 @@ pub struct Options {
     pub files: Vec<PathBuf>,
     /// The styles that can be used.
     pub styles: StyleLibrary,
+    /// The themes that can be used.
+    pub themes: Themes,
+    /// What of the user's own cannot be used, and why: one sentence.
+    pub fault: Option<String>,
     /// Where styles go that are made of pictures, if anywhere.
     pub styles_folder: Option<PathBuf>,
     /// What outlives the window.
@@ -70,6 +76,8 @@ impl Options {
             adapter,
             files: Vec::new(),
             styles: StyleLibrary::embedded(),
+            themes: Themes::built_in().clone(),
+            fault: None,
             styles_folder: None,
             session: Session::open(None),
             system_dialogs: false,
@@ -110,6 +118,7 @@ pub struct Editor {
     autosave: Option<Autosave>,
     viewport: Viewport,
     slices: SliceViews,
+    filter_preview: FilterPreview,
     tools: Tools,
     layout: Layout,
     loading: Option<Job<Opened>>,
@@ -152,11 +161,11 @@ impl Editor {
         let settings = options.session.settings();
         ctx.set_theme(if settings.dark { egui::Theme::Dark } else { egui::Theme::Light });
         ctx.set_zoom_factor(settings.scale.clamp(0.75, 2.0));
-        let styles = Arc::new(options.styles);
+        let (styles, themes) = (Arc::new(options.styles), Arc::new(options.themes));
         let mut editor = Self {
             noting: None,
-            painter: Painter::start(options.adapter, styles.clone(), waker(ctx)),
-            gallery: Gallery::start(ctx, styles),
+            painter: Painter::start(options.adapter, styles.clone(), themes.clone(), waker(ctx)),
+            gallery: Gallery::start(ctx, styles, themes),
             styles_folder: options.styles_folder,
             recents: options.session.recents(),
             orphans: options.session.recoverable(),
@@ -168,6 +177,7 @@ impl Editor {
             autosave: None,
             viewport: Viewport::default(),
             slices: SliceViews::new(side_of(&settings)),
+            filter_preview: FilterPreview::default(),
             tools: Tools::default(),
             layout: Layout {
                 shows_slices: settings.slices,
@@ -186,7 +196,7 @@ impl Editor {
             file_dialog: None,
             dialog: None,
             after_saving: None,
-            banner: None,
+            banner: options.fault.map(Banner::new),
             notice: Notice::default(),
             timings: options.timings.map(|(path, begun)| Timings::new(path, begun)),
             quitting: false,
@@ -307,8 +317,7 @@ impl Editor {
             self.guarded(&ctx, Then::Quit);
         }
         self.autosave(&ctx);
-        let worn = self.open.as_ref().and_then(|open| figure::theme::of(open.document.figure()).ok().flatten());
-        self.gallery.set_theme(worn);
+        self.gallery.follow_theme(self.open.as_ref().map(|open| open.document.figure().as_ref()));
         let bar = egui::Frame::new().fill(theme::tokens(&ctx).panel).inner_margin(egui::Margin::symmetric(8, 2));
         Panel::top("menus").frame(bar).show(ui, |ui| self.menus(ui));
         Panel::bottom("status").frame(bar).show(ui, |ui| self.status(ui));
@@ -439,7 +448,11 @@ impl Editor {
                     }
                     egui::ScrollArea::vertical().id_salt("properties").auto_shrink(false).show(ui, |ui| {
                         let names = self.gallery.library().names();
-                        wanted = properties::show(ui, open, &names);
+                        let pending = self.filling.as_ref().map(|(_, number, slot, _)| (*number, slot));
+                        let place_mm = self.slices.crosshair_mm().filter(|_| self.layout.shows_slices);
+                        let filtering = properties::Filtering { preview: &mut self.filter_preview, place_mm, pending };
+                        let themes = self.gallery.wardrobe().themes;
+                        wanted = properties::show(ui, open, &names, themes, filtering);
                     });
                 });
             Panel::bottom("function")
@@ -510,6 +523,12 @@ impl Editor {
         match wanted {
             None => {}
             Some(properties::Wanted::Command(command)) => self.run(&ctx, command),
+            Some(properties::Wanted::Themes) => {
+                if let Some(open) = &self.open {
+                    let themes = self.gallery.wardrobe().themes;
+                    self.painter.expect(self.viewport.picture.in_themes(open, themes));
+                }
+            }
             Some(properties::Wanted::Reading(number, slot)) => self.fill_with(&ctx, number, *slot, self.limits),
         }
     }
@@ -517,8 +536,9 @@ impl Editor {
     /// The window is going: writes what is to be written.
     pub fn leave(&mut self) {
         if let Some(timings) = self.timings.take()
+            && let picture = &self.viewport.picture
             && let Err(error) =
-                timings.write(&self.viewport.picture.coarse_ms, self.tools.dab_ms(), &self.viewport.picture.dab_ms)
+                timings.write(&picture.coarse_ms, self.tools.dab_ms(), &picture.dab_ms, &picture.theme_ms)
         {
             eprintln!("error: {error:#}");
         }

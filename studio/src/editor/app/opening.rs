@@ -69,13 +69,16 @@ impl Editor {
             && let Some(open) = &mut self.open
         {
             match result {
-                Ok(Filled { volume, look }) => {
+                Ok(Filled { volume, look, unfiltered }) => {
                     self.answered = None;
                     let before = open.document.figure().volumes.get(number).and_then(|slot| open.volume_of(slot));
                     let data = open.chosen().is_some_and(|o| o.transfer_function.domain == Domain::Data);
                     let mut notes = volume.warnings.clone();
                     notes.extend(before.filter(|_| is_edit && data).and_then(|before| other_values(before, &volume)));
                     self.notice = Notice::now(notes.join(" "));
+                    if let Some(unfiltered) = unfiltered {
+                        open.keep_volume(slot.unfiltered(), unfiltered);
+                    }
                     open.keep_volume(slot.clone(), volume);
                     if is_edit {
                         use_volume(open, number, slot, look);
@@ -128,8 +131,9 @@ impl Editor {
             return;
         }
         let (theirs, folder) = (slot.clone(), open.folder().to_owned());
+        let unfiltered = open.unfiltered(&slot).cloned();
         let job = Job::start(slot.file.clone(), waker(ctx), move |p| {
-            files::fill_slot(&theirs, &folder, false, Limits::default(), p)
+            files::fill_slot(&theirs, &folder, false, Limits::default(), unfiltered, p)
         });
         self.filling = Some((job, number, slot, false));
     }
@@ -236,8 +240,15 @@ impl Editor {
         // What is made for colors suits no values, and the other way around.
         let has_new_look = present.is_some_and(|p| p.file == slot.file && p.labels != slot.labels);
         let theirs = slot.clone();
+        // Where nothing but filters changes, the file need not be read again.
+        let is_refiltered =
+            present.is_some_and(|p| p.filters != slot.filters && p.unfiltered().reads_same(&slot.unfiltered()));
+        let unfiltered = self.open.as_ref().filter(|_| is_refiltered).and_then(|open| open.unfiltered(&slot)).cloned();
+        if let Some((before, ..)) = &self.filling {
+            before.progress.cancel();
+        }
         let job = Job::start(slot.file.clone(), waker(ctx), move |p| {
-            files::fill_slot(&theirs, &folder, has_new_look, limits, p)
+            files::fill_slot(&theirs, &folder, has_new_look, limits, unfiltered, p)
         });
         self.answered = None;
         self.filling = Some((job, number, slot, true));

@@ -7,14 +7,22 @@ use fabrica_engine::volume::filter::{MAX_ITERATIONS, MAX_RADIUS};
 use super::properties::{parse_number, row};
 use crate::figure::template::{FilterTemplate, VolumeSlot};
 
-/// The rows, and the slot as it shall be read.
-pub fn show(ui: &mut Ui, slot: &VolumeSlot, volume: &Volume) -> Option<VolumeSlot> {
+/// What is set in the rows.
+pub struct Filtering {
+    /// The slot as it shall be read.
+    pub wanted: Option<VolumeSlot>,
+    /// The filter as it stands, also while a number of it is dragged.
+    pub filter: Option<FilterTemplate>,
+}
+
+/// The rows of a slot as it is, or as it is being filtered.
+pub fn show(ui: &mut Ui, slot: &VolumeSlot, volume: &Volume) -> Filtering {
     let tooltip = "Filters what was read; the file stays as it is, and undo takes it back";
     let with = |filters: Vec<FilterTemplate>| Some(VolumeSlot { filters, ..slot.clone() });
     let mut wanted = None;
     if slot.filters.len() > 1 {
         row(ui, "Noise filter", tooltip, |ui, _| ui.label(format!("{} filters", slot.filters.len())));
-        return None;
+        return Filtering { wanted, filter: None };
     }
     let shown = slot.filters.first().copied();
     row(ui, "Noise filter", tooltip, |ui, label| {
@@ -41,30 +49,33 @@ pub fn show(ui: &mut Ui, slot: &VolumeSlot, volume: &Volume) -> Option<VolumeSlo
         });
         combo.response.accessible_name(label).on_hover_text(tooltip);
     });
-    let changed = match shown {
-        None => None,
-        Some(FilterTemplate::Gaussian { sigma_mm }) => {
-            let sigma = number(ui, "Width", "Standard deviation of the Gaussian", sigma_mm, " mm", 0.01, (1e-3, 1e3));
-            sigma.map(|sigma_mm| FilterTemplate::Gaussian { sigma_mm })
+    // As it stands, and whether a number of it was let go.
+    let set = shown.map(|filter| match filter {
+        FilterTemplate::Gaussian { sigma_mm } => {
+            let tooltip = "Standard deviation of the Gaussian";
+            let (sigma_mm, is_set) = number(ui, "Width", tooltip, sigma_mm, " mm", 0.01, (1e-3, 1e3));
+            (FilterTemplate::Gaussian { sigma_mm }, is_set)
         }
-        Some(FilterTemplate::Median { radius_voxels }) => {
+        FilterTemplate::Median { radius_voxels } => {
             let tooltip = "Voxels on either side that count";
-            let radius = number(ui, "Radius", tooltip, radius_voxels as f64, " voxels", 0.02, (1.0, MAX_RADIUS as f64));
-            radius.map(|radius| FilterTemplate::Median { radius_voxels: radius.round() as usize })
+            let limits = (1.0, MAX_RADIUS as f64);
+            let (radius, is_set) = number(ui, "Radius", tooltip, radius_voxels as f64, " voxels", 0.02, limits);
+            (FilterTemplate::Median { radius_voxels: radius.round() as usize }, is_set)
         }
-        Some(FilterTemplate::Anisotropic { edge, iterations }) => {
+        FilterTemplate::Anisotropic { edge, iterations } => {
             let tooltip = "Difference of neighboring voxels from which on there is an edge, in the scan's values";
             let most = volume.known_statistics().map_or(1e9, |s| s.max - s.min).max(1e-6);
-            let new_edge =
+            let (edge, has_edge) =
                 number(ui, "Edge from", tooltip, edge, volume.modality.suffix(), 1e-3 * most, (1e-6 * most, most));
-            let tooltip = "More steps smooth more";
             let limits = (1.0, f64::from(MAX_ITERATIONS));
-            let steps = number(ui, "Steps", tooltip, f64::from(iterations), "", 0.1, limits);
-            let by_edge = new_edge.map(|edge| FilterTemplate::Anisotropic { edge, iterations });
-            by_edge.or(steps.map(|n| FilterTemplate::Anisotropic { edge, iterations: n.round() as u32 }))
+            let (steps, has_steps) =
+                number(ui, "Steps", "More steps smooth more", f64::from(iterations), "", 0.1, limits);
+            (FilterTemplate::Anisotropic { edge, iterations: steps.round() as u32 }, has_edge || has_steps)
         }
-    };
-    wanted.or(changed.and_then(|filter| with(vec![filter])))
+    });
+    let filter = set.map(|(filter, _)| filter);
+    let is_set = set.is_some_and(|(_, is_set)| is_set) && filter != shown;
+    Filtering { wanted: wanted.or_else(|| filter.filter(|_| is_set).and_then(|filter| with(vec![filter]))), filter }
 }
 
 /// A twentieth of what the values of tissue differ by.
@@ -75,7 +86,7 @@ fn usual_edge(volume: &Volume) -> f64 {
     if edge > 0.0 { edge } else { 1.0 }
 }
 
-/// A number; its new value once it is let go, as each costs a pass over the volume.
+/// A number as it stands, and whether it is let go: each costs a pass over the volume.
 fn number(
     ui: &mut Ui,
     label: &str,
@@ -84,7 +95,7 @@ fn number(
     suffix: &str,
     speed: f64,
     (least, most): (f64, f64),
-) -> Option<f64> {
+) -> (f64, bool) {
     let id = ui.scope_id().with(("noise", label));
     let mut number = ui.data(|d| d.get_temp(id)).unwrap_or(value);
     let response = row(ui, label, tooltip, |ui, label| {
@@ -94,8 +105,8 @@ fn number(
     });
     if response.dragged() {
         ui.data_mut(|d| d.insert_temp(id, number));
-        return None;
+        return (number, false);
     }
     ui.data_mut(|d| d.remove_temp::<f64>(id));
-    (number != value).then_some(number)
+    (number, true)
 }

@@ -3,15 +3,17 @@
 use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Response, Ui, WidgetText};
 use fabrica_engine::read::limits::bytes_in_words;
 use fabrica_engine::volume::{Volume, type_in_words};
+use glam::DVec3;
 
+use super::super::filter_preview::FilterPreview;
 use super::super::movable::Movable;
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::super::ui_command::UiCommand;
 use super::{lighting, moves, noise, regions, shading};
+use crate::figure::Command;
 use crate::figure::template::{Background, Page, ProjectionName, QualityName, VolumeSlot};
-use crate::figure::theme::{self as figure_theme, Theme};
-use crate::figure::{Command, Template};
+use crate::figure::theme::Themes;
 
 /// Width of the labels.
 const LABEL: f32 = 104.0;
@@ -88,12 +90,30 @@ fn section(ui: &mut Ui, title: &str, open: bool, add: impl FnOnce(&mut Ui)) {
 pub enum Wanted {
     /// A command of the window.
     Command(UiCommand),
+    /// Another theme may be chosen soon.
+    Themes,
     /// Slot number so-and-so read in another way.
     Reading(usize, Box<VolumeSlot>),
 }
 
+/// What the rows of filters show besides the figure.
+pub struct Filtering<'a> {
+    /// What a filter does to a slice.
+    pub preview: &'a mut FilterPreview,
+    /// Where that is, world (RAS) mm; none: in the volume's middle.
+    pub place_mm: Option<DVec3>,
+    /// The slot that is being read, and its number.
+    pub pending: Option<(usize, &'a VolumeSlot)>,
+}
+
 /// The panel, and what is asked for in it.
-pub fn show(ui: &mut Ui, open: &mut OpenFigure, styles: &[&str]) -> Option<Wanted> {
+pub fn show(
+    ui: &mut Ui,
+    open: &mut OpenFigure,
+    styles: &[&str],
+    themes: &Themes,
+    filtering: Filtering<'_>,
+) -> Option<Wanted> {
     let mut wanted = None;
     if open.chosen_region().is_some() {
         section(ui, "Region", true, |ui| regions::look(ui, open, styles));
@@ -106,9 +126,13 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, styles: &[&str]) -> Option<Wante
         shading::show(ui, open);
         lighting::show(ui, open);
     });
-    section(ui, "Figure", true, |ui| page(ui, open));
+    let mut chooses_theme = false;
+    section(ui, "Figure", true, |ui| chooses_theme = page(ui, open, themes));
     section(ui, "View", false, |ui| view(ui, open));
-    section(ui, "Source", true, |ui| wanted = source(ui, open));
+    section(ui, "Source", true, |ui| wanted = source(ui, open, filtering));
+    if chooses_theme {
+        wanted = wanted.or(Some(Wanted::Themes));
+    }
     wanted
 }
 
@@ -147,7 +171,8 @@ fn reset(response: &Response, is_set: bool) -> bool {
     wanted
 }
 
-fn page(ui: &mut Ui, open: &mut OpenFigure) {
+/// The rows of the page; whether the list of themes has just been opened.
+fn page(ui: &mut Ui, open: &mut OpenFigure, themes: &Themes) -> bool {
     let figure = open.document.figure().clone();
     let page = &figure.figure;
     let mut title = figure.title.clone();
@@ -179,8 +204,8 @@ fn page(ui: &mut Ui, open: &mut OpenFigure) {
     }
     let pixels = [page.width_mm, page.height_mm].map(|mm| (mm / MM_PER_INCH * page.dpi).round());
     ui.label(theme::small(ui.ctx(), format!("{} x {} pixels when exported", pixels[0], pixels[1])));
-    themes(ui, open, figure.theme.as_deref());
-    match theme_of_figure(&figure).and_then(|theme| theme.background) {
+    let chooses_theme = theme_row(ui, open, themes, figure.theme.as_deref());
+    match themes.of(&figure).ok().flatten().and_then(|theme| theme.background) {
         Some(of_theme) => background_of_theme(ui, of_theme),
         None => background(ui, open, figure.background),
     }
@@ -200,17 +225,14 @@ fn page(ui: &mut Ui, open: &mut OpenFigure) {
         });
         combo.response.accessible_name(label)
     });
+    chooses_theme
 }
 
-/// The theme, if there is one of the name that the figure says.
-fn theme_of_figure(figure: &Template) -> Option<&'static Theme> {
-    figure_theme::of(figure).ok().flatten()
-}
-
-fn themes(ui: &mut Ui, open: &mut OpenFigure, chosen: Option<&str>) {
+/// The row of themes; whether its list has just been opened.
+fn theme_row(ui: &mut Ui, open: &mut OpenFigure, themes: &Themes, chosen: Option<&str>) -> bool {
     let tooltip = "Other styles for all of the figure. Its own come back with None";
     row(ui, "Theme", tooltip, |ui, label| {
-        let text = match chosen.map(|name| (name, figure_theme::named(name))) {
+        let text = match chosen.map(|name| (name, themes.named(name))) {
             None => "None".to_owned(),
             Some((_, Ok(theme))) => theme.title.clone(),
             Some((name, Err(_))) => format!("{name} (unknown)"),
@@ -221,7 +243,7 @@ fn themes(ui: &mut Ui, open: &mut OpenFigure, chosen: Option<&str>) {
             {
                 open.edit(Command::SetTheme(None));
             }
-            for theme in figure_theme::all() {
+            for theme in themes.all() {
                 let is_chosen = chosen == Some(&theme.name);
                 let item = ui.selectable_label(is_chosen, &theme.title).on_hover_text(&theme.description);
                 if item.clicked() && !is_chosen {
@@ -229,8 +251,12 @@ fn themes(ui: &mut Ui, open: &mut OpenFigure, chosen: Option<&str>) {
                 }
             }
         });
-        combo.response.accessible_name(label)
-    });
+        combo.response.accessible_name(label);
+        let is_open = combo.inner.is_some();
+        let id = ui.scope_id().with("theme is open");
+        let was_open = ui.data_mut(|data| std::mem::replace(data.get_temp_mut_or_default::<bool>(id), is_open));
+        is_open && !was_open
+    })
 }
 
 /// What is seen in place of the figure's own background.
@@ -242,7 +268,8 @@ fn background_of_theme(ui: &mut Ui, background: Background) {
             let [r, g, b] = rgb;
             ui.painter().rect_filled(rect, 2.0, egui::Color32::from_rgb(r, g, b));
         }
-        ui.label(theme::small(ui.ctx(), format!("{background}, of the theme"))).on_hover_text(tooltip);
+        let text = theme::small(ui.ctx(), format!("{background} (theme)"));
+        ui.add(egui::Label::new(text).truncate()).on_hover_text(tooltip);
     });
 }
 
@@ -287,7 +314,7 @@ fn view(ui: &mut Ui, open: &mut OpenFigure) {
     open.edit_by(&response, response.changed().then_some(Command::SetCamera(camera)));
 }
 
-fn source(ui: &mut Ui, open: &OpenFigure) -> Option<Wanted> {
+fn source(ui: &mut Ui, open: &OpenFigure, filtering: Filtering<'_>) -> Option<Wanted> {
     let mut wanted = None;
     let number = open.chosen_slot();
     let slot = number.map(|n| (n, &open.document.figure().volumes[n]));
@@ -304,7 +331,16 @@ fn source(ui: &mut Ui, open: &OpenFigure) -> Option<Wanted> {
                 wanted = frame(ui, slot, volume.num_frames).map(|slot| Wanted::Reading(number, Box::new(slot)));
             }
             if let Some((number, slot)) = slot.filter(|_| volume.colors.is_none()) {
-                wanted = noise::show(ui, slot, volume).map(|slot| Wanted::Reading(number, Box::new(slot))).or(wanted);
+                // What is being read already is what is set.
+                let slot = filtering.pending.filter(|(of, _)| *of == number).map_or(slot, |(_, pending)| pending);
+                let set = noise::show(ui, slot, volume);
+                match (set.filter, open.unfiltered(slot)) {
+                    (Some(filter), Some(unfiltered)) => {
+                        filtering.preview.show(ui, unfiltered, filter, filtering.place_mm);
+                    }
+                    _ => filtering.preview.close(),
+                }
+                wanted = set.wanted.map(|slot| Wanted::Reading(number, Box::new(slot))).or(wanted);
             }
             for warning in &volume.warnings {
                 ui.add(egui::Label::new(theme::small(ui.ctx(), warning)).wrap());
