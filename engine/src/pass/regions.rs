@@ -10,7 +10,6 @@ use crate::error::Result;
 use crate::gpu::context::GpuContext;
 use crate::gpu::regions::{LIST_WIDTH, ResidentRegions};
 use crate::gpu::upload::{ResidentVolume, extent};
-use crate::scene::lighting::MAX_LIGHTS;
 use crate::scene::quality::PARTS;
 use crate::scene::region::MAX_OPACITY_FUNCTIONS;
 use crate::scene::{Borders, Look, Object, Role, StyleTransferFunction};
@@ -64,7 +63,6 @@ pub struct RegionsUniform {
 pub struct RegionLooks {
     lengths_mm: f64,
     leaps: bool,
-    is_lit: bool,
     borders: Borders,
     drawn: Drawn,
     /// Some looks are more opaque than others.
@@ -165,9 +163,7 @@ impl Tables {
 impl RegionLooks {
     /// Whether it is what [`RegionLooks::new`] would make, but for edits of selections.
     pub fn is_of(&self, object: &Object, regions: &ResidentRegions, lengths_mm: f64, leaps: bool) -> bool {
-        (self.lengths_mm, self.leaps, self.borders) == (lengths_mm, leaps, regions.borders())
-            && self.is_lit == object.lighting.is_some()
-            && self.drawn.is(object)
+        (self.lengths_mm, self.leaps, self.borders) == (lengths_mm, leaps, regions.borders()) && self.drawn.is(object)
     }
 
     /// `lengths_mm`: the usual length of a part of a piece; `leaps`: whether the march leaps over empty bricks.
@@ -267,7 +263,6 @@ impl RegionLooks {
         Ok(Self {
             lengths_mm,
             leaps,
-            is_lit: object.lighting.is_some(),
             borders: regions.borders(),
             drawn: Drawn::of(object),
             cuts,
@@ -325,10 +320,11 @@ impl RegionLooks {
         Some((uniform, &functions.may_show))
     }
 
-    /// The uniform for the atlas as it is now. `gradient`: columns take a change per voxel to one per mm of the world.
-    pub fn uniform(&self, regions: &ResidentRegions, gradient: glam::DMat3) -> RegionsUniform {
+    /// The uniform for the atlas as it is now. `gradient`: columns take a change per voxel to one per mm of the world; `shade`: as of
+    /// [`RegionLooks::rounds`].
+    pub fn uniform(&self, regions: &ResidentRegions, gradient: glam::DMat3, shade: u32) -> RegionsUniform {
         let column = |v: glam::DVec3| v.as_vec3().to_array();
-        let [rounds_per_piece, rounds_per_look] = self.rounds(regions);
+        let [rounds_per_piece, rounds_per_look] = self.rounds(regions, shade);
         RegionsUniform {
             atlas_scale: regions.atlas_size().map(|n| 1.0 / n as f32),
             rounds_per_look,
@@ -341,11 +337,11 @@ impl RegionLooks {
         }
     }
 
-    /// Rounds of the shader's loops that a piece takes at most, with one look a part, and that a further look takes.
-    pub fn rounds(&self, regions: &ResidentRegions) -> [u32; 2] {
+    /// Rounds of the shader's loops that a piece takes at most, with one look a part, and that a further look takes. `shade`: those of
+    /// a look at one surface.
+    pub fn rounds(&self, regions: &ResidentRegions, shade: u32) -> [u32; 2] {
         // A look goes over the brick's list and the background, and so does the face of a piece; with labels the face alone.
         let list = regions.longest_list + 1;
-        let shade = if self.is_lit { 1 + MAX_LIGHTS as u32 } else { 1 };
         let look = 2 + shade * if self.borders == Borders::Exact { list } else { 1 };
         let num_layers = if self.functions.is_some() { self.layers.len() as u32 } else { 0 };
         let own = num_layers + list + (PARTS + 1) * (1 + look);
