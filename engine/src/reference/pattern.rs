@@ -3,8 +3,8 @@
 use glam::{DMat3, DVec2, DVec3, IVec3};
 
 use super::style::RayFrame;
-use crate::styles::StyleImage;
 use crate::styles::pattern::{Direction, Pattern, Strokes};
+use crate::styles::{StyleImage, normal_from_uv};
 
 /// A surface, as a pattern sees it where a ray meets it.
 #[derive(Clone, Copy, Debug)]
@@ -274,4 +274,52 @@ pub fn drawn(
         return ([0.0; 3], 0.0);
     }
     ((((1.0 - free) * ink + shown * paper) / opacity).to_array(), alpha * opacity)
+}
+
+/// Diameter of the sphere that a gallery shows, in figure points on its page.
+const SPHERE_PT: f64 = 36.0;
+
+/// The sphere of a style as it is drawn, at a mip level: premultiplied linear RGBA, row 0 = up; outside of the disc as at its rim. S is
+/// up, and it is seen from the front.
+pub fn sphere(style: &StyleImage, level: usize) -> Vec<[f32; 4]> {
+    let level = level.min(style.mips.len() - 1);
+    let size = style.size >> level;
+    let frame = RayFrame { right: DVec3::X, up: DVec3::Z };
+    let pixel = |(i, texel): (usize, &[f32; 4])| {
+        let [x, y] = normal_from_uv([i % size, i / size].map(|n| (n as f64 + 0.5) / size as f64), size);
+        let across = DVec2::new(x, y) / x.hypot(y).max(1.0);
+        let normal = DVec3::new(across.x, -(1.0 - across.length_squared()).max(0.0).sqrt(), across.y);
+        let alpha = f64::from(texel[3]);
+        let straight = [0, 1, 2].map(|c| if alpha > 0.0 { f64::from(texel[c]) / alpha } else { 0.0 });
+        let place = normal * (0.5 * size as f64);
+        let sheet = Sheet::new(place, normal, 1.0, DMat3::IDENTITY, &frame, DVec3::Y);
+        let pixels_per_pt = size as f64 / SPHERE_PT;
+        let (color, alpha) =
+            drawn(style, (straight, alpha), &sheet, DVec2::ZERO, None, &frame, DVec3::Y, pixels_per_pt);
+        let [r, g, b] = color.map(|c| (c * alpha) as f32);
+        [r, g, b, alpha as f32]
+    };
+    style.mips[level].iter().enumerate().map(pixel).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sphere_without_a_pattern_is_its_picture() {
+        let mut style = StyleImage::flat("gray", [0.2, 0.2, 0.2, 0.5]);
+        let all = |style: &StyleImage, is: &dyn Fn(f32) -> bool| sphere(style, 2).iter().all(|texel| is(texel[0]));
+        assert!(all(&style, &|r| (r - 0.2).abs() < 1e-6));
+        let strokes = Strokes::Hatching { direction: Direction::Axis(DVec3::Z), layers: 1 };
+        style.pattern = Some(Pattern::new(strokes, 6.0));
+        // Paper and ink, both as opaque as the sphere.
+        let drawn = sphere(&style, 2);
+        assert_eq!(drawn.len(), 64 * 64);
+        let middle = &drawn[32 * 64..33 * 64];
+        assert!(drawn.iter().any(|t| t[0] < 0.01) && drawn.iter().any(|t| t[0] > 0.45) && middle[32][3] == 0.5);
+        // Level lines: along the middle row hardly anything changes.
+        let [low, high] = [f32::min, f32::max].map(|f| middle[16..48].iter().map(|t| t[0]).fold(middle[32][0], f));
+        assert!(high - low < 0.05, "{low} {high}");
+    }
 }

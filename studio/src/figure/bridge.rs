@@ -18,6 +18,7 @@ use fabrica_engine::volume::labels::Label;
 use glam::{DAffine3, DVec3};
 
 use super::sources::Sources;
+use super::style_settings::StyleSettings;
 use super::template::{
     Background, CameraTemplate, Domain, LightingTemplate, LookTemplate, MeetingTemplate, MoveTemplate, ObjectTemplate,
     ProjectionName, QualityName, Reference, RegionTemplate, ShadingTemplate, Template, Tint, TransferFunctionTemplate,
@@ -53,6 +54,7 @@ pub fn scene(
             volume,
             styles,
             theme,
+            settings: Some(&template.style_settings),
             used: &mut used,
             notes: &mut notes,
             radius_mm,
@@ -113,7 +115,8 @@ pub(super) fn object(
 ) -> Result<Object> {
     let (used, notes) = (&mut Vec::new(), &mut Vec::new());
     let theme = None;
-    Making { volume, styles, theme, used, notes, radius_mm: 1.0, poses: Vec::new(), progress }.object(template)
+    Making { volume, styles, theme, settings: None, used, notes, radius_mm: 1.0, poses: Vec::new(), progress }
+        .object(template)
 }
 
 /// What the camera's lengths are relative to: the first object as its own transfer function shows it, in whatever styles. Its regions
@@ -159,6 +162,8 @@ struct Making<'a> {
     styles: &'a StyleLibrary,
     /// What the template's styles are drawn in.
     theme: Option<&'a Theme>,
+    /// Where the styles' sliders are; none: at the styles' own values.
+    settings: Option<&'a StyleSettings>,
     /// The scene's styles so far.
     used: &'a mut Vec<Arc<StyleImage>>,
     notes: &'a mut Vec<String>,
@@ -206,7 +211,11 @@ impl Making<'_> {
         let mut nodes = Vec::with_capacity(template.nodes.len());
         for node in &template.nodes {
             let named = style.unwrap_or(&node.style);
-            let style = self.styles.get(self.theme.map_or(named, |theme| theme.style(named)))?;
+            let drawn = self.theme.map_or(named, |theme| theme.style(named));
+            let style = match self.settings.and_then(|settings| settings.get(drawn)) {
+                Some(values) => self.styles.with_values(drawn, values)?,
+                None => self.styles.get(drawn)?,
+            };
             let position = self.used.iter().position(|s| Arc::ptr_eq(s, &style)).unwrap_or_else(|| {
                 self.used.push(style);
                 self.used.len() - 1

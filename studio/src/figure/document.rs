@@ -613,7 +613,7 @@ mod tests {
             let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
             let part = (self.below(2) == 0).then(|| Chosen { region: self.below(2), structure });
             let of = FunctionOf { object, part };
-            match self.below(29) {
+            match self.below(30) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
@@ -705,6 +705,10 @@ mod tests {
                 26 => Command::SetShading { object, shading: self.shading() },
                 27 => Command::SetLighting { object, lighting: (self.below(3) > 0).then(|| self.lighting()) },
                 28 => Command::SetTheme([None, Some("xray"), Some("unknown")][self.below(3)].map(str::to_owned)),
+                29 => {
+                    let value = [None, Some(2.5), Some(f64::NAN)][self.below(3)];
+                    Command::SetSlider { style: "hatched".to_owned(), slider: "Spacing".to_owned(), value }
+                }
                 _ => Command::MoveNode { of, node, at: self.number(), opacity: self.number() },
             }
         }
@@ -742,6 +746,7 @@ mod tests {
             Command::SetShading { .. } => 26,
             Command::SetLighting { .. } => 27,
             Command::SetTheme(_) => 28,
+            Command::SetSlider { .. } => 29,
         }
     }
 
@@ -754,7 +759,7 @@ mod tests {
     #[test]
     fn a_random_walk_keeps_the_figure_whole_and_can_be_undone_to_its_first_byte() {
         let first = figure().to_json().unwrap();
-        let mut done = [0; 29];
+        let mut done = [0; 30];
         // Each kind that edits a function, on regions and on structures as well.
         let mut done_on_parts = [0; 58];
         for seed in 0..20 {

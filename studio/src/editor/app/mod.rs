@@ -438,8 +438,8 @@ impl Editor {
                         ui.separator();
                     }
                     egui::ScrollArea::vertical().id_salt("properties").auto_shrink(false).show(ui, |ui| {
-                        let names = self.gallery.library().names();
-                        wanted = properties::show(ui, open, &names);
+                        let library = self.gallery.library();
+                        wanted = properties::show(ui, open, &library.names(), library);
                     });
                 });
             Panel::bottom("function")

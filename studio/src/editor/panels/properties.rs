@@ -2,13 +2,14 @@
 
 use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Response, Ui, WidgetText};
 use fabrica_engine::read::limits::bytes_in_words;
+use fabrica_engine::styles::StyleLibrary;
 use fabrica_engine::volume::{Volume, type_in_words};
 
 use super::super::movable::Movable;
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::super::ui_command::UiCommand;
-use super::{lighting, moves, noise, regions, shading};
+use super::{lighting, moves, noise, regions, shading, style_settings};
 use crate::figure::template::{Background, Page, ProjectionName, QualityName, VolumeSlot};
 use crate::figure::theme::{self as figure_theme, Theme};
 use crate::figure::{Command, Template};
@@ -93,7 +94,7 @@ pub enum Wanted {
 }
 
 /// The panel, and what is asked for in it.
-pub fn show(ui: &mut Ui, open: &mut OpenFigure, styles: &[&str]) -> Option<Wanted> {
+pub fn show(ui: &mut Ui, open: &mut OpenFigure, styles: &[&str], library: &StyleLibrary) -> Option<Wanted> {
     let mut wanted = None;
     if open.chosen_region().is_some() {
         section(ui, "Region", true, |ui| regions::look(ui, open, styles));
@@ -105,6 +106,7 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, styles: &[&str]) -> Option<Wante
         appearance(ui, open);
         shading::show(ui, open);
         lighting::show(ui, open);
+        style_settings::show(ui, open, library);
     });
     section(ui, "Figure", true, |ui| page(ui, open));
     section(ui, "View", false, |ui| view(ui, open));
