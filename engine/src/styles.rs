@@ -7,6 +7,8 @@
 //! of the user's own, where [`extract`] makes some from artwork.
 
 pub mod extract;
+pub mod file;
+pub mod pattern;
 
 use std::collections::HashMap;
 use std::fs;
@@ -19,6 +21,8 @@ use crate::color;
 use crate::error::{Error, Result};
 use crate::image_in;
 use crate::image_out::Picture;
+use file::{Slider, SliderValues, StyleFile};
+use pattern::Pattern;
 
 /// Texels a side of every loaded style. All have the same, because they are layers of one texture array.
 pub const STYLE_SIZE: usize = 256;
@@ -40,6 +44,10 @@ pub struct StyleImage {
     /// What color it is under any light: premultiplied linear RGBA, the mean of the disc in which colors count by the square of their
     /// luminance, as shadows say little of a material.
     pub color: [f32; 4],
+    /// Unit vector, (right, up, towards the eye), in which it is brightest.
+    pub light: [f32; 3],
+    /// What its tone is drawn with, if it is not painted.
+    pub pattern: Option<Pattern>,
 }
 
 /// What a gallery shows beside the sphere.
@@ -106,7 +114,9 @@ impl StyleImage {
     fn from_texels(name: &str, texels: Vec<[f32; 4]>) -> Self {
         let sharpness = sharpness(&texels, STYLE_SIZE);
         let color = color_of(&texels, STYLE_SIZE);
-        Self { name: name.to_owned(), size: STYLE_SIZE, mips: mips_of(texels, STYLE_SIZE), sharpness, color }
+        let mips = mips_of(texels, STYLE_SIZE);
+        let light = light_of(&mips[LIGHT_MIP]);
+        Self { name: name.to_owned(), size: STYLE_SIZE, mips, sharpness, color, light, pattern: None }
     }
 }
 
@@ -130,6 +140,29 @@ fn color_of(texels: &[[f32; 4]], size: usize) -> [f32; 4] {
     let alpha = alphas / count;
     let [r, g, b] = light.map(|c| if weights > 0.0 { (c / weights * alpha) as f32 } else { 0.0 });
     [r, g, b, alpha as f32]
+}
+
+/// The mip that lights are looked for in: highlights and noise of a texel do not matter.
+const LIGHT_MIP: usize = 3;
+
+/// [`StyleImage::light`] of a square of premultiplied texels: where it is bright on average, above its mean.
+fn light_of(texels: &[[f32; 4]]) -> [f32; 3] {
+    let size = texels.len().isqrt();
+    let inside = (0..texels.len()).filter_map(|i| {
+        let uv = [i % size, i / size].map(|n| (n as f64 + 0.5) / size as f64);
+        let n = normal_from_uv(uv, size);
+        let [r, g, b, _] = texels[i];
+        (n[0].hypot(n[1]) <= 1.0).then_some((n, pattern::luminance([r, g, b])))
+    });
+    let inside: Vec<([f64; 2], f64)> = inside.collect();
+    let mean = inside.iter().map(|(_, light)| light).sum::<f64>() / inside.len() as f64;
+    let (mut x, mut y, mut sum) = (0.0, 0.0, 1e-9);
+    for (n, light) in inside {
+        let above = (light - mean).max(0.0);
+        (x, y, sum) = (x + above * n[0], y + above * n[1], sum + above);
+    }
+    let (x, y) = (x / sum, y / sum);
+    [x, y, (1.0 - x * x - y * y).max(0.0).sqrt()].map(|c| c as f32)
 }
 
 /// [`StyleImage::sharpness`] of a style's texels, by central differences.
@@ -318,6 +351,17 @@ embedded![
     "plate_veil",
 ];
 
+/// The style files of `styles/`, by name.
+const EMBEDDED_FILES: &[(&str, &str)] = &[
+    ("hatched", include_str!("../../styles/hatched.json")),
+    ("cross_hatched", include_str!("../../styles/cross_hatched.json")),
+    ("engraved_light", include_str!("../../styles/engraved_light.json")),
+    ("engraved_curvature", include_str!("../../styles/engraved_curvature.json")),
+    ("stippled", include_str!("../../styles/stippled.json")),
+    ("hatched_red", include_str!("../../styles/hatched_red.json")),
+    ("hatched_veil", include_str!("../../styles/hatched_veil.json")),
+];
+
 static EMBEDDED_INDEX: LazyLock<Vec<StyleInfo>> = LazyLock::new(|| {
     // A fault here is one of the build; the test of the index finds it.
     serde_json::from_str(include_str!("../../styles/index.json")).unwrap_or_default()
@@ -347,6 +391,7 @@ struct Entry {
 #[derive(Clone, Debug)]
 enum Source {
     Embedded(&'static [u8]),
+    EmbeddedFile(&'static str),
     File(PathBuf),
 }
 
@@ -365,12 +410,23 @@ impl StyleLibrary {
                 let (_, bytes) = EMBEDDED.iter().find(|(name, _)| *name == info.name)?;
                 Some(Entry { info: info.clone(), source: Source::Embedded(bytes) })
             })
+            .chain(EMBEDDED_FILES.iter().filter_map(|(name, text)| {
+                let file = StyleFile::parse(name, text).ok()?;
+                let info = StyleInfo {
+                    name: (*name).to_owned(),
+                    title: file.title,
+                    description: file.description,
+                    tags: file.tags,
+                    file: format!("{name}.json"),
+                };
+                Some(Entry { info, source: Source::EmbeddedFile(text) })
+            }))
             .collect();
         Self { entries, decoded: Mutex::default() }
     }
 
-    /// Adds the PNGs and JPEGs of a folder, by file stem, in alphabetical order; a name that is already there is replaced, in its
-    /// place. The files are read when asked for, so a damaged one troubles only who uses it.
+    /// Adds the PNGs, JPEGs and style files (JSON) of a folder, by file stem, in alphabetical order, pictures first; a name that is
+    /// already there is replaced, in its place. The files are read when asked for, so a damaged one troubles only who uses it.
     ///
     /// # Errors
     /// [`Error::File`] if the folder cannot be listed.
@@ -380,15 +436,16 @@ impl StyleLibrary {
         for entry in fs::read_dir(folder).map_err(io_error)? {
             let path = entry.map_err(io_error)?.path();
             let is_hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-            if image_in::is_named_as_picture(&path) && !is_hidden && path.is_file() {
+            if (image_in::is_named_as_picture(&path) || is_style_file(&path)) && !is_hidden && path.is_file() {
                 paths.push(path);
             }
         }
-        paths.sort();
+        // A style file may be beside the picture of its name, in whose place it is then.
+        paths.sort_by_key(|path| (is_style_file(path), path.clone()));
         Ok(paths.iter().fold(self, |library, path| library.with_file(path)))
     }
 
-    /// Adds one picture under its file's stem; a name that is already there is replaced, in its place. The file is read when asked
+    /// Adds one picture or style file under its file's stem; a name that is already there is replaced, in its place. The file is read when asked
     /// for.
     pub fn with_file(mut self, path: &Path) -> Self {
         let (Some(stem), Some(file)) = (path.file_stem(), path.file_name()) else { return self };
@@ -402,7 +459,8 @@ impl StyleLibrary {
             file: file.to_string_lossy().into_owned(),
         };
         let entry = Entry { info, source: Source::File(path.to_owned()) };
-        self.decoded.get_mut().unwrap_or_else(PoisonError::into_inner).remove(&name);
+        // Whatever was made of the old one.
+        self.decoded.get_mut().unwrap_or_else(PoisonError::into_inner).clear();
         match self.entries.iter_mut().find(|old| old.info.name == name) {
             Some(old) => *old = entry,
             None => self.entries.push(entry),
@@ -412,7 +470,7 @@ impl StyleLibrary {
 
     /// Whether a style of this name comes with the program.
     pub fn is_embedded(name: &str) -> bool {
-        EMBEDDED.iter().any(|(known, _)| *known == name)
+        EMBEDDED.iter().any(|(known, _)| *known == name) || EMBEDDED_FILES.iter().any(|(known, _)| *known == name)
     }
 
     /// All names, in the gallery's order.
@@ -439,19 +497,78 @@ impl StyleLibrary {
     /// [`Error::Scene`] for an unknown name, with the names that come near; [`Error::File`] if the user's file cannot be
     /// read or is not a square PNG or JPEG of at least 16 pixels a side.
     pub fn get(&self, name: &str) -> Result<Arc<StyleImage>> {
+        self.with_values(name, &SliderValues::new())
+    }
+
+    /// The image of a style with these values of its sliders; those that it leaves out are the style's own.
+    ///
+    /// # Errors
+    /// As [`StyleLibrary::get`]; [`Error::Scene`] also for a slider that the style has not, or a value beyond its ends.
+    pub fn with_values(&self, name: &str, values: &SliderValues) -> Result<Arc<StyleImage>> {
         let entry = self.entry(name)?;
+        let key = if values.is_empty() { name.to_owned() } else { format!("{name}\n{values:?}") };
         let decoded = || self.decoded.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(image) = decoded().get(name) {
+        if let Some(image) = decoded().get(&key) {
             return Ok(Arc::clone(image));
         }
         // Decoded without the lock: two threads may do it twice, none waits for the disk.
-        let image = match &entry.source {
-            Source::Embedded(bytes) => decode(name, bytes, Path::new(&entry.info.file)),
-            Source::File(path) => {
-                fs::read(path).map_err(|error| Error::io(path, &error)).and_then(|bytes| decode(name, &bytes, path))
+        let image = match (&entry.source, self.style_file(entry)?) {
+            (_, Some(file)) => file.image(name, &*self.sphere(entry, &file)?, values)?,
+            (_, None) if !values.is_empty() => {
+                let called = values.keys().next().map_or("", String::as_str);
+                return Err(Error::scene(format!("the style \"{name}\" has no slider \"{called}\""), "it has none"));
             }
-        }?;
-        Ok(Arc::clone(decoded().entry(name.to_owned()).or_insert(Arc::new(image))))
+            (Source::Embedded(bytes), None) => decode(name, bytes, Path::new(&entry.info.file))?,
+            (Source::File(path), None) => decode(name, &fs::read(path).map_err(|e| Error::io(path, &e))?, path)?,
+            (Source::EmbeddedFile(_), None) => unreachable!("a style file is one"),
+        };
+        let mut decoded = decoded();
+        // A slider that is dragged leaves many behind.
+        if decoded.keys().filter(|key| key.contains('\n')).count() >= MOST_VARIANTS {
+            decoded.retain(|key, _| !key.contains('\n'));
+        }
+        Ok(Arc::clone(decoded.entry(key).or_insert(Arc::new(image))))
+    }
+
+    /// The sliders of a style: none of a picture.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] for an unknown name or a style file that cannot be read.
+    pub fn sliders(&self, name: &str) -> Result<Vec<Slider>> {
+        Ok(self.style_file(self.entry(name)?)?.map_or_else(Vec::new, |file| file.sliders))
+    }
+
+    fn style_file(&self, entry: &Entry) -> Result<Option<StyleFile>> {
+        let name = &entry.info.name;
+        match &entry.source {
+            Source::EmbeddedFile(text) => StyleFile::parse(name, text).map(Some),
+            Source::File(path) if is_style_file(path) => {
+                let text = fs::read_to_string(path).map_err(|error| Error::io(path, &error))?;
+                StyleFile::parse(name, &text).map(Some)
+            }
+            _ => Ok(None),
+        }
+    }
+
+    /// The picture that a style file is made of: one beside it, or another style's, which is no file.
+    fn sphere(&self, entry: &Entry, file: &StyleFile) -> Result<Arc<StyleImage>> {
+        let (name, sphere) = (&entry.info.name, &file.sphere);
+        if let Source::File(path) = &entry.source
+            && image_in::is_named_as_picture(Path::new(sphere))
+        {
+            let path = path.with_file_name(sphere);
+            let bytes = fs::read(&path).map_err(|error| Error::io(&path, &error))?;
+            return Ok(Arc::new(decode(name, &bytes, &path)?));
+        }
+        let other = self.entry(sphere)?;
+        // A style file in the place of the picture of its name may be made of that.
+        if other.info.name == *name || self.style_file(other)?.is_some() {
+            return Err(Error::scene(
+                format!("the style \"{name}\" is made of \"{sphere}\", which is itself made of another"),
+                "name a picture beside the style file, or a style that is one",
+            ));
+        }
+        self.get(sphere)
     }
 
     fn entry(&self, name: &str) -> Result<&Entry> {
@@ -483,6 +600,15 @@ impl StyleLibrary {
         near.sort();
         near.into_iter().take(3).map(|(_, known)| known).collect()
     }
+}
+
+/// Styles with other values of their sliders that a library keeps.
+const MOST_VARIANTS: usize = 32;
+
+/// Whether a file is a style file by its name; a folder's lists of styles and themes are none.
+fn is_style_file(path: &Path) -> bool {
+    let is_list = path.file_name().is_some_and(|name| name == "index.json" || name == "themes.json");
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("json")) && !is_list
 }
 
 /// Whether a style can be called so: the name becomes that of a file on any system.
@@ -635,10 +761,12 @@ mod tests {
         let embedded: Vec<&str> = EMBEDDED.iter().map(|(name, _)| *name).collect();
         assert_eq!(names, embedded, "run the example make_styles and list the names in embedded![]");
         let library = StyleLibrary::embedded();
-        assert_eq!(library.names(), names);
+        let files = EMBEDDED_FILES.iter().map(|(name, _)| *name);
+        assert_eq!(library.names(), names.iter().copied().chain(files).collect::<Vec<_>>());
         assert!(names.len() >= 14);
         for info in library.infos() {
-            assert_eq!(info.file, format!("{}.png", info.name));
+            let is_file = EMBEDDED_FILES.iter().any(|(name, _)| *name == info.name);
+            assert_eq!(info.file, format!("{}.{}", info.name, if is_file { "json" } else { "png" }));
             assert!(!info.title.is_empty() && !info.description.is_empty() && !info.tags.is_empty());
             let image = library.get(&info.name).unwrap();
             assert!(Arc::ptr_eq(&image, &library.get(&info.name).unwrap()));
@@ -698,6 +826,42 @@ mod tests {
         assert!(message("tiny").contains("at least 16"));
         assert!(message("broken").contains("neither a PNG nor a JPEG"));
         assert!(StyleLibrary::embedded().with_folder(&folder.path().join("none")).is_err());
+    }
+
+    #[test]
+    fn style_files_of_a_folder_are_styles_with_sliders() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+        let pixels = vec![[0.5, 0.25, 0.0, 1.0]; 256];
+        save_png(&folder.path().join("ball.png"), 16, 16, &pixels, &PngOptions::default()).unwrap();
+        let dots = r#""pattern": {"strokes": "stipple", "spacing_pt": 2},
+            "sliders": [{"name": "Spacing", "of": "pattern.spacing_pt", "min": 1, "max": 4, "value": 2}]"#;
+        write("dots.json", &format!(r#"{{"sphere": "ball.png", {dots}}}"#));
+        write("ink.json", &format!(r#"{{"sphere": "plaster", {dots}}}"#));
+        write("lost.json", r#"{"sphere": "nowhere.png"}"#);
+        write("unknown.json", r#"{"sphere": "plasterr"}"#);
+        write("nested.json", r#"{"sphere": "dots"}"#);
+        write("itself.json", r#"{"sphere": "itself"}"#);
+        write("broken.json", "{");
+        write("index.json", "[]");
+        let library = StyleLibrary::embedded().with_folder(folder.path()).unwrap();
+        assert!(!library.names().contains(&"index"));
+        let dots = library.get("dots").unwrap();
+        assert_eq!(dots.pattern.as_ref().unwrap().spacing_pt, 2.0);
+        assert!((dots.mips[0][0][0] - color::linear_from_srgb8(188)).abs() < 0.02, "{:?}", dots.mips[0][0]);
+        assert_eq!(library.sliders("dots").unwrap()[0].name, "Spacing");
+        let wide = SliderValues::from([("Spacing".to_owned(), 4.0)]);
+        let wider = library.with_values("dots", &wide).unwrap();
+        assert_eq!(wider.pattern.as_ref().unwrap().spacing_pt, 4.0);
+        assert!(Arc::ptr_eq(&wider, &library.with_values("dots", &wide).unwrap()));
+        assert!(library.get("ink").unwrap().pattern.is_some(), "a style file shadows a picture");
+        assert_eq!(library.sliders("bone").unwrap(), []);
+        assert!(library.with_values("bone", &wide).unwrap_err().to_string().contains("no slider \"Spacing\""));
+        let message = |name: &str| library.get(name).unwrap_err().to_string();
+        assert!(message("lost").contains("nowhere.png"), "{}", message("lost"));
+        assert!(message("unknown").contains("did you mean plaster"));
+        assert!(message("nested").contains("itself made of another") && message("itself").contains("itself made of"));
+        assert!(message("broken").contains("the style file \"broken\" cannot be read"));
     }
 
     #[test]

@@ -7,10 +7,15 @@ const PARTS: u32 = 4u;
 const MAX_LOOKS: u32 = 16u;
 // Software adapters end a shader's loops silently after 65 535 rounds, summed over the nest.
 const MAX_ROUNDS: u32 = 65000u;
-#if lit
+#if patterns
+// Rounds that a look takes: its own, one for each light, those of the curvature, and of two patterns.
+const ROUNDS_PER_LOOK: u32 = 23u;
+#end
+#if only_lit
 // Rounds that a look takes: its own, and one for each light.
 const ROUNDS_PER_LOOK: u32 = 5u;
-#else
+#end
+#if neither_lit_nor_patterns
 // Rounds that a look takes.
 const ROUNDS_PER_LOOK: u32 = 1u;
 #end

@@ -1,5 +1,8 @@
 // How bodies lie in the world, and which looks they show (docs/rendering.md §9).
 #import bind/bodies
+#if patterns
+#import bind/patterns
+#end
 
 // What a body has of its own where it is looked at: read once, as a software adapter reads uniforms number by number where their
 // place differs from pixel to pixel.
@@ -10,12 +13,21 @@ struct Pose {
     first_look: u32,
     first_cut_look: u32,
     is_rest: bool,
+#if patterns
+    // Takes a direction in the world (mm) to index space.
+    to_index: mat3x3f,
+#end
 }
 
 fn pose_of(body: u32) -> Pose {
     return Pose(mat3x3f(bodies.list[body].normal_x, bodies.list[body].normal_y, bodies.list[body].normal_z),
         bodies.list[body].voxels, bodies.list[body].first_look, bodies.list[body].first_cut_look,
+#if patterns
+        bodies.list[body].role == 0u, mat3x3f(bodies.list[body].index_from_world_x,
+            bodies.list[body].index_from_world_y, bodies.list[body].index_from_world_z));
+#else
         bodies.list[body].role == 0u);
+#end
 }
 
 // A normal or gradient of the volume at rest, with its length, in a body.
@@ -24,6 +36,14 @@ fn turned(direction: vec3f, pose: Pose) -> vec3f {
     return there * (length(direction) / max(length(there), 1e-30));
 }
 
+#if patterns
+// A direction in the world, in the volume at rest.
+fn at_rest(direction: vec3f, pose: Pose) -> vec3f {
+    let index = pose.to_index * direction;
+    return patterns.rest_from_index_x * index.x + patterns.rest_from_index_y * index.y + patterns.rest_from_index_z * index.z;
+}
+
+#end
 // The object's smallest spacing, over that of a body.
 fn voxels_of(pose: Pose) -> f32 {
     return pose.voxels;

@@ -15,6 +15,9 @@
 #if transparency
 #import lib/modulated
 #end
+#if patterns
+#import lib/pattern
+#end
 #if colors
 #import lib/seen_color
 #import lib/strongest_change
@@ -178,8 +181,17 @@ fn appearance(piece: Piece, function: Function, stretch: Stretch, march: March, 
 #else
     let extent = 0.0;
 #end
+#if patterns
+    let shaded = shade(node, function.last_node, function.row, n_xy, steepness(slope, face), level, march.axes,
+        march.direction);
+    let eye_depth = march.depth + steps * march.depth_per_step;
+    let covered_mm = (frame.footprint + eye_depth * frame.footprint_growth) * frame.voxel_mm;
+    let style = patterned(shaded, node, function.last_node, function.row, p, outward, covered_mm, march.pose, march.axes,
+        march.direction);
+#else
     let style = shade(node, function.last_node, function.row, n_xy, steepness(slope, face), level, march.axes,
         march.direction);
+#end
 #if colors
     let voxel = seen_color(p, function);
     let colored = tint(style, voxel);

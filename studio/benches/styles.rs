@@ -1,4 +1,4 @@
-//! What styles cost: the frame rate of a figure with style transfer functions, contours and illustrative transparency, as a share of
+//! What styles cost: the frame rate of a figure with style transfer functions, contours, illustrative transparency and patterns, as a share of
 //! the same figure's under Blinn-Phong, in one run, by turns. `cargo bench -p fabrica-studio --bench styles --profile dev
 //! [-- TEMPLATE]` (default: the shipped head in glass, with three styles in sight).
 
@@ -23,6 +23,10 @@ use fabrica_studio::figure::template::{
 const SIZE: [u32; 2] = [384, 384];
 const ROUNDS: usize = 7;
 
+fn in_style(template: &mut Template, style: &str) {
+    template.objects[0].transfer_function.nodes.iter_mut().for_each(|node| style.clone_into(&mut node.style));
+}
+
 fn main() {
     let path = std::env::args().skip(1).find(|a| !a.starts_with("--"));
     let path =
@@ -36,7 +40,7 @@ fn main() {
     let sources = Sources::of(volumes.collect());
     let styles = StyleLibrary::embedded();
     type Change = fn(&mut Template);
-    let changes: [(&str, Change); 7] = [
+    let changes: [(&str, Change); 10] = [
         ("Blinn-Phong", |t| t.objects[0].lighting = Some(LightingTemplate::new(LightingModel::BlinnPhong))),
         ("styles", |_| ()),
         ("contours", |t| t.objects[0].shading.contours = Some(ContoursTemplate::new(0.7))),
@@ -56,6 +60,9 @@ fn main() {
                 AcrossTemplate { by: AxisName::Edge, from: None, at: 0.0, rows: vec![row], extra: Default::default() };
             function.across = Some(across);
         }),
+        ("cross-hatched", |t| in_style(t, "cross_hatched")),
+        ("by curvature", |t| in_style(t, "engraved_curvature")),
+        ("stippled", |t| in_style(t, "stippled")),
     ];
     let scenes: Vec<Scene> = changes
         .iter()

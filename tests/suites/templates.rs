@@ -190,3 +190,30 @@ fn faults_are_sentences() {
     let message = load(&template, checkout(), &two, &[], &progress).unwrap_err().to_string();
     assert!(message.contains("2 volumes are given") && message.contains("1 slot"), "{message}");
 }
+
+#[test]
+fn sliders_of_styles_reach_the_scene_or_are_a_sentence() {
+    let progress = Progress::new();
+    let plain = Template::read(&checkout().join("templates/head_hatched.json")).unwrap();
+    let sources = load(&plain, &checkout().join("templates"), &[small_head()], &[], &progress).unwrap();
+    let styles = StyleLibrary::embedded();
+    let of = |change: &dyn Fn(&mut Template)| {
+        let mut template = plain.clone();
+        change(&mut template);
+        scene(&template, &sources, &styles, &progress).map(|(scene, _)| scene)
+    };
+    let spacing = |change: &dyn Fn(&mut Template)| of(change).unwrap().styles[0].pattern.as_ref().unwrap().spacing_pt;
+    assert_eq!(spacing(&|_| ()), 2.2, "as the template has it");
+    assert_eq!(spacing(&|t| t.style_settings.clear()), 2.6, "the style's own");
+    let set = |t: &mut Template, style: &str, slider: &str, value: f64| {
+        t.style_settings.entry(style.to_owned()).or_default().insert(slider.to_owned(), value);
+    };
+    assert_eq!(spacing(&|t| set(t, "cross_hatched", "Spacing", 5.0)), 5.0);
+    // Sliders of styles that are not drawn with do not matter: a theme may have taken their place.
+    assert_eq!(spacing(&|t| set(t, "nowhere", "Spacing", 5.0)), 2.2);
+    assert!(of(&|t| t.theme = Some("xray".to_owned())).unwrap().styles.iter().all(|style| style.pattern.is_none()));
+    let sentence =
+        |style: &str, slider: &str, value: f64| of(&|t| set(t, style, slider, value)).unwrap_err().to_string();
+    assert!(sentence("cross_hatched", "Depth", 1.0).contains("has no slider \"Depth\"; it has Spacing, Crossings"));
+    assert!(sentence("cross_hatched", "Spacing", 100.0).contains("choose a value from 1 to 8"));
+}

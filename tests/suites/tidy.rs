@@ -7,10 +7,11 @@ use std::process::Command;
 use fabrica_engine::gpu::regions::{LIST_WIDTH, SLOT_EDGE, WHOLE};
 use fabrica_engine::gpu::shader_library::{MODULES, RaycastKey};
 use fabrica_engine::pass::bodies::{BodiesUniform, BodyUniform};
+use fabrica_engine::pass::patterns::PatternsUniform;
 use fabrica_engine::pass::raycast::{FrameUniform, LightUniform, LightingUniform, ObjectUniform};
 use fabrica_engine::pass::regions::{FunctionsUniform, LayerUniform, RegionsUniform};
 use fabrica_engine::scene::moved::MAX_BODIES;
-use fabrica_engine::scene::quality::{MAX_ROUNDS, PARTS, rounds_per_piece};
+use fabrica_engine::scene::quality::{MAX_ROUNDS, PARTS, rounds_per_look, rounds_per_piece};
 use fabrica_engine::wgpu::naga;
 use fabrica_tests::checkout;
 
@@ -80,7 +81,7 @@ fn constants_that_both_sides_know_are_the_same() {
     for (name, ours) in [
         ("PARTS", PARTS),
         ("MAX_ROUNDS", MAX_ROUNDS),
-        ("ROUNDS_PER_PIECE", rounds_per_piece(true)),
+        ("ROUNDS_PER_PIECE", rounds_per_piece(rounds_per_look(true, true))),
         ("LIST_WIDTH", LIST_WIDTH as u32),
         ("SLOT_EDGE", SLOT_EDGE as u32),
         ("WHOLE", WHOLE),
@@ -97,7 +98,7 @@ fn constants_that_both_sides_know_are_the_same() {
 
 /// The key whose text has most of what both sides know.
 fn richest() -> RaycastKey {
-    RaycastKey::all().find(|key| key.functions && key.meetings && key.many_bodies && key.lit).unwrap()
+    RaycastKey::all().find(|key| key.functions && key.meetings && key.many_bodies && key.lit && key.patterns).unwrap()
 }
 
 /// Offset and name of each member of a struct, from the shader's own layout.
@@ -123,6 +124,7 @@ fn uniforms_lie_as_the_shaders_read_them() {
         ("Layer", size_of::<LayerUniform>(), LayerUniform::FIELDS),
         ("Light", size_of::<LightUniform>(), LightUniform::FIELDS),
         ("Lighting", size_of::<LightingUniform>(), LightingUniform::FIELDS),
+        ("Patterns", size_of::<PatternsUniform>(), PatternsUniform::FIELDS),
         ("Body", size_of::<BodyUniform>(), BodyUniform::FIELDS),
         ("Bodies", size_of::<BodiesUniform>(), BodiesUniform::FIELDS),
     ] {

@@ -21,6 +21,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "bind/functions",
     "bind/lighting",
     "bind/object",
+    "bind/patterns",
     "bind/regions",
     "bind/rows",
     "bind/resume",
@@ -44,8 +45,10 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/nodes",
     "lib/opacity",
     "lib/parts",
+    "lib/pattern",
     "lib/pose_moved",
     "lib/pose_rest",
+    "lib/principal",
     "lib/ray",
     "lib/region",
     "lib/rows",
@@ -107,6 +110,10 @@ pub struct RaycastKey {
     pub transparency: bool,
     /// Lights and a lighting map take the place of styles.
     pub lit: bool,
+    /// Styles carry patterns.
+    pub patterns: bool,
+    /// Some of which follow the curvature of surfaces; never without `patterns`.
+    pub curvature: bool,
     /// The pass goes on where another one had to stop; always with `bodies`, of which hardly any ray is done in one.
     pub resumed: bool,
 }
@@ -132,24 +139,28 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.contours { " contours" } else { "" })?;
         f.write_str(if self.transparency { " transparency" } else { "" })?;
         f.write_str(if self.lit { " lit" } else { "" })?;
+        f.write_str(if self.patterns { " patterns" } else { "" })?;
+        f.write_str(if self.curvature { " curvature" } else { "" })?;
         f.write_str(if self.resumed { " resumed" } else { "" })
     }
 }
 
 impl RaycastKey {
-    /// Keys for tests: every combination of what there is, but contours, transparency and lights, which are there one at a time or
-    /// all together, where the adapter filters and all voxels have data; with labels all or none; with rows where the adapter filters,
-    /// all voxels have data, and contours and lights are both there or not.
+    /// Keys for tests: every combination of what there is, but contours, transparency, lights and patterns, which are there one at a
+    /// time or all together, where the adapter filters and all voxels have data; with labels all or none; with rows where the adapter
+    /// filters, all voxels have data, and contours and lights are both there or not.
     pub fn all() -> impl Iterator<Item = Self> {
         // Each of these with regions by memberships, then by labels.
         // No regions; regions with one function and several; the same with faces; with bodies; with meetings; with many bodies and
         // with both.
-        let all = [0, 1, 2, 4, 7].into_iter().flat_map(|drawn| (0..13 * 48).map(move |n| (drawn, n)));
+        let all = [0, 1, 2, 4, 7, 8, 31].into_iter().flat_map(|drawn| (0..13 * 48).map(move |n| (drawn, n)));
         let all = all.filter(|(drawn, n)| *drawn == 0 || n & 7 == 0);
         let all = all.map(|(drawn, n)| Self {
             contours: drawn & 1 != 0,
             transparency: drawn & 2 != 0,
             lit: drawn & 4 != 0,
+            patterns: drawn & 8 != 0,
+            curvature: drawn & 16 != 0,
             filtered: n & 1 == 0,
             table_filtered: n & 2 == 0,
             no_data: n & 4 != 0,
@@ -166,7 +177,8 @@ impl RaycastKey {
             meetings: (7 * 48..9 * 48).contains(&n) || n >= 11 * 48,
         });
         let all = all.filter(|key| key.resumed || !key.bodies);
-        let with_labels = |key: &Self| key.regions && key.contours == key.transparency && key.transparency == key.lit;
+        let with_labels =
+            |key: &Self| key.regions && [key.transparency, key.lit].iter().all(|has| *has == key.contours);
         let all = all.flat_map(move |key| {
             let labeled = Some(Self { labels: true, ..key }).filter(with_labels);
             std::iter::once(key).chain(labeled)
@@ -212,6 +224,10 @@ impl RaycastKey {
             "contours" => Some(self.contours),
             "transparency" => Some(self.transparency),
             "lit" => Some(self.lit),
+            "only_lit" => Some(self.lit && !self.patterns),
+            "neither_lit_nor_patterns" => Some(!self.lit && !self.patterns),
+            "patterns" => Some(self.patterns),
+            "curvature" => Some(self.curvature),
             _ => None,
         };
         assemble(if self.bodies { "raycast_bodies" } else { "raycast" }, &choose, &has)

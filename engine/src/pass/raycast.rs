@@ -9,6 +9,7 @@ use wgpu::util::DeviceExt as _;
 
 use super::bodies::{bodies_uniform, bounding_sphere, most_pieces, strengths};
 use super::distances::Distances;
+use super::patterns::BoundPatterns;
 use super::regions::{RegionLooks, Tables};
 use super::row_places::BrickEdges;
 use super::transfer_table::{TABLE_SIZE, TransferTable};
@@ -18,12 +19,13 @@ use crate::gpu::regions::ResidentRegions;
 use crate::gpu::shader_library::{FEW_BODIES, RaycastKey};
 use crate::gpu::upload::{ResidentVolume, extent, table_descriptor};
 use crate::scene::lighting::{MAP_SIZE, MAX_LIGHTS};
-use crate::scene::quality::{MAX_ROUNDS, PARTS};
+use crate::scene::quality::{MAX_ROUNDS, PARTS, rounds_per_look};
 use crate::scene::{
     Borders, Camera, Light, Lighting, LightingMap, Object, Projection, Quality, Scene, StyleTransferFunction,
 };
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
+use crate::styles::pattern::Pattern;
 use crate::volume::Volume;
 use crate::volume::bricks::MAX_SKIP_STEP;
 
@@ -281,7 +283,7 @@ struct Shared {
     textures: [wgpu::TextureView; 4],
     /// Bindings 16 and 17, of `shaders/bind/functions.wgsl`.
     functions: Option<(wgpu::Buffer, wgpu::TextureView)>,
-    /// Bindings 23 and 24, of `shaders/bind/rows.wgsl`.
+    /// Bindings 25 and 26, of `shaders/bind/rows.wgsl`.
     rows: Option<[wgpu::TextureView; 2]>,
     cuts: bool,
     bodies: Option<MovedBodies>,
@@ -393,6 +395,8 @@ impl RaycastPass {
             contours: object.has_contours(),
             transparency: object.has_illustrative_transparency(),
             lit: object.lighting.is_some(),
+            patterns: scene.has_patterns(object),
+            curvature: scene.patterns(object).any(Pattern::follows_curvature),
             resumed: false,
         };
         let device = &context.device;
@@ -465,7 +469,7 @@ impl RaycastPass {
                 entries.push(texture_entry(17, may_show));
             }
             if let Some(rows) = &shared.rows {
-                entries.extend((23..).zip(rows).map(|(i, view)| texture_entry(i, view)));
+                entries.extend((25..).zip(rows).map(|(i, view)| texture_entry(i, view)));
             }
             if let Some(bodies) = &shared.bodies {
                 entries.push(wgpu::BindGroupEntry { binding: 18, resource: bodies.uniform.as_entire_binding() });
@@ -476,6 +480,11 @@ impl RaycastPass {
             entries.push(texture_entry(22, colors));
             entries.push(wgpu::BindGroupEntry { binding: 20, resource: uniform.as_entire_binding() });
             entries.push(texture_entry(21, map));
+        }
+        let patterns = key.patterns.then(|| BoundPatterns::new(context, scene, object));
+        if let Some(patterns) = &patterns {
+            entries.push(wgpu::BindGroupEntry { binding: 23, resource: patterns.uniform.as_entire_binding() });
+            entries.push(texture_entry(24, &patterns.table));
         }
         let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("object"),
@@ -511,7 +520,7 @@ impl RaycastPass {
             transfer_function,
             node_layers: node_layers.create_view(&Default::default()),
             shared: None,
-            units_per_pass: Quality::pieces_per_pass(object.lighting.is_some()),
+            units_per_pass: Quality::pieces_per_pass(looking(scene, object)),
             units_per_piece: 1,
         }
     }
@@ -552,8 +561,8 @@ impl RaycastPass {
         };
         let looks = &mut self.region_looks[i];
         looks.update(context, object, resident, regions)?;
-        let [rounds_per_piece, _] = looks.rounds(regions);
-        let uniform = looks.uniform(object, regions);
+        let [rounds_per_piece, _] = looks.rounds(regions, looking(scene, object));
+        let uniform = looks.uniform(object, regions, looking(scene, object));
         let functions = looks.functions().map(|(uniform, may_show)| {
             (uniform_buffer(context, "functions", bytemuck::bytes_of(&uniform)), may_show.clone())
         });
@@ -758,6 +767,11 @@ impl RaycastPass {
     }
 }
 
+/// Rounds of loops that a look at an object takes.
+fn looking(scene: &Scene, object: &Object) -> u32 {
+    rounds_per_look(object.lighting.is_some(), scene.has_patterns(object))
+}
+
 /// Length, in mm, of a part of a piece along the view's axis: exact for cubic voxels and parallel rays, near for others.
 fn usual_length_mm(scene: &Scene, object: &Object) -> f64 {
     let voxels_per_mm = object.volume.grid.index_from_world().transform_vector3(scene.camera.forward).length();
@@ -908,8 +922,8 @@ fn make_pipeline(
         }
         if key.rows {
             let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
-            entries.push(entry(23, texture_binding(unfilterable, wgpu::TextureViewDimension::D2)));
-            entries.push(entry(24, filterable));
+            entries.push(entry(25, texture_binding(unfilterable, wgpu::TextureViewDimension::D2)));
+            entries.push(entry(26, filterable));
         }
         if key.lit {
             let filtered = wgpu::TextureSampleType::Float { filterable: true };
@@ -917,6 +931,11 @@ fn make_pipeline(
             entries.push(entry(21, texture_binding(filtered, wgpu::TextureViewDimension::D2)));
             let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
             entries.push(entry(22, texture_binding(unfilterable, wgpu::TextureViewDimension::D2)));
+        }
+        if key.patterns {
+            let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
+            entries.push(entry(23, uniform_binding()));
+            entries.push(entry(24, texture_binding(unfilterable, wgpu::TextureViewDimension::D2)));
         }
         if key.bodies {
             entries.push(entry(18, uniform_binding()));
@@ -995,7 +1014,7 @@ pub(super) fn small_texture(
     context.device.create_texture_with_data(&context.queue, &descriptor, wgpu::util::TextureDataOrder::LayerMajor, data)
 }
 
-fn uniform_buffer(context: &GpuContext, label: &str, contents: &[u8]) -> wgpu::Buffer {
+pub(super) fn uniform_buffer(context: &GpuContext, label: &str, contents: &[u8]) -> wgpu::Buffer {
     context.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
         label: Some(label),
         contents,

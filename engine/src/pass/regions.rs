@@ -11,7 +11,6 @@ use crate::error::Result;
 use crate::gpu::context::GpuContext;
 use crate::gpu::regions::{LIST_WIDTH, ResidentRegions};
 use crate::gpu::upload::{ResidentVolume, extent};
-use crate::scene::lighting::MAX_LIGHTS;
 use crate::scene::quality::PARTS;
 use crate::scene::region::MAX_OPACITY_FUNCTIONS;
 use crate::scene::{Across, Axis, Borders, Look, Object, Role, StyleTransferFunction};
@@ -68,7 +67,6 @@ pub struct RegionsUniform {
 pub struct RegionLooks {
     lengths_mm: f64,
     leaps: bool,
-    is_lit: bool,
     borders: Borders,
     drawn: Drawn,
     /// Some looks are more opaque than others.
@@ -281,9 +279,7 @@ impl RowTexels {
 impl RegionLooks {
     /// Whether it is what [`RegionLooks::new`] would make, but for edits of selections.
     pub fn is_of(&self, object: &Object, regions: &ResidentRegions, lengths_mm: f64, leaps: bool) -> bool {
-        (self.lengths_mm, self.leaps, self.borders) == (lengths_mm, leaps, regions.borders())
-            && self.is_lit == object.lighting.is_some()
-            && self.drawn.is(object)
+        (self.lengths_mm, self.leaps, self.borders) == (lengths_mm, leaps, regions.borders()) && self.drawn.is(object)
     }
 
     /// `lengths_mm`: the usual length of a part of a piece; `leaps`: whether the march leaps over empty bricks.
@@ -397,7 +393,6 @@ impl RegionLooks {
             leaps,
             rows,
             most_gaps,
-            is_lit: object.lighting.is_some(),
             borders: regions.borders(),
             drawn: Drawn::of(object),
             cuts,
@@ -456,13 +451,13 @@ impl RegionLooks {
         Some((uniform, &functions.may_show))
     }
 
-    /// The uniform for the atlas as it is now.
-    pub fn uniform(&self, object: &Object, regions: &ResidentRegions) -> RegionsUniform {
+    /// The uniform for the atlas as it is now. `shade`: as of [`RegionLooks::rounds`].
+    pub fn uniform(&self, object: &Object, regions: &ResidentRegions, shade: u32) -> RegionsUniform {
         let gradient = object.volume.grid.world_gradient_from_index();
         let edge = |field: &Arc<DistanceField>, a: usize| (field.dims()[a] * field.voxels()[a]) as f32;
         let distance_scale = |a: usize| object.distances.first().map_or(1.0, |field| 1.0 / edge(field, a));
         let column = |v: glam::DVec3| v.as_vec3().to_array();
-        let [rounds_per_piece, rounds_per_look] = self.rounds(regions);
+        let [rounds_per_piece, rounds_per_look] = self.rounds(regions, shade);
         RegionsUniform {
             atlas_scale: regions.atlas_size().map(|n| 1.0 / n as f32),
             rounds_per_look,
@@ -477,11 +472,11 @@ impl RegionLooks {
         }
     }
 
-    /// Rounds of the shader's loops that a piece takes at most, with one look a part, and that a further look takes.
-    pub fn rounds(&self, regions: &ResidentRegions) -> [u32; 2] {
+    /// Rounds of the shader's loops that a piece takes at most, with one look a part, and that a further look takes. `shade`: those of
+    /// a look at one surface.
+    pub fn rounds(&self, regions: &ResidentRegions, shade: u32) -> [u32; 2] {
         // A look goes over the brick's list and the background, and so does the face of a piece; with labels the face alone.
         let list = regions.longest_list + 1;
-        let shade = if self.is_lit { 1 + MAX_LIGHTS as u32 } else { 1 };
         // Two rows of a look at a time, each after all of its gaps were gone through.
         let (rows, gaps) = if self.rows.is_some() { (2, self.most_gaps) } else { (1, 0) };
         let look = 2 + rows * (shade + gaps) * if self.borders == Borders::Exact { list } else { 1 };

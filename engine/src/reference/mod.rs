@@ -14,6 +14,7 @@ pub mod contour;
 pub mod label;
 pub mod lighting;
 pub mod opacity;
+pub mod pattern;
 pub mod piece;
 pub mod ray;
 pub mod region;
@@ -215,6 +216,7 @@ fn prepare<'a>(scene: &'a Scene, object: &'a Object) -> Result<Prepared<'a>> {
         styles: &scene.styles,
         lighting: object.lighting.as_ref().map(|lighting| Lit { lighting, table: lighting.map.table() }),
         has_contours: object.has_contours(),
+        has_patterns: scene.has_patterns(object),
         page_height_pt: scene.page_height_mm / 25.4 * 72.0,
     })
 }

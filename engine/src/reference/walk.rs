@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::{DMat3, DVec3, DVec4};
+use glam::{DMat3, DVec2, DVec3, DVec4};
 
 use super::bodies::{Interval, PreparedBody, Shown, combine, intervals};
 use super::color::{Jacobian, luminance};
@@ -10,6 +10,7 @@ use super::contour::{coverage, curvature, extent, modulated, pushed};
 use super::label::Labels;
 use super::lighting::{Lit, lit};
 use super::opacity::opacity_correct;
+use super::pattern::{Sheet, drawn};
 use super::piece::{Piece, classify_piece};
 use super::ray::{Ray, Samples};
 use super::region::{Look, cut_face, joined, shares, where_flat};
@@ -22,6 +23,7 @@ use crate::scene::quality::PARTS;
 use crate::scene::{Borders, Camera, Quality, StyleTransferFunction};
 use crate::spaces::Grid;
 use crate::styles::StyleImage;
+use crate::styles::pattern::{CURVATURE_VOXELS, Pattern};
 
 /// An object as the march reads it: all that depends on the volume and its look, none of the picture.
 #[derive(Clone, Debug)]
@@ -54,6 +56,8 @@ pub struct Prepared<'a> {
     pub styles: &'a [Arc<StyleImage>],
     /// How it is lit, in place of styles.
     pub lighting: Option<Lit<'a>>,
+    /// Whether any style that a look has carries a pattern.
+    pub has_patterns: bool,
     /// Whether any look draws contours.
     pub has_contours: bool,
     /// Height of the whole picture on the page, in figure points.
@@ -202,7 +206,12 @@ impl<'a> Line<'a> {
 
     /// What ĝ at `t` is taken from, at rest.
     fn slope(&self, t: f64) -> Slope {
-        let (object, p) = (self.object, self.at(t));
+        self.slope_of(self.at(t))
+    }
+
+    /// What ĝ at index position `p` is taken from, at rest.
+    fn slope_of(&self, p: DVec3) -> Slope {
+        let object = self.object;
         let to_world = object.world_gradient_from_index * (1.0 / object.gradient_max);
         match &object.colors {
             None => Slope::Value(
@@ -277,6 +286,10 @@ impl<'a> Line<'a> {
             }
             None => shade(self.object.styles, class, n_xy, level),
         };
+        let (style, alpha_d) = match self.object.has_patterns {
+            true => self.patterned(p, depth_mm, surface_normal(gradient, face), class, (style, alpha_d)),
+            false => (style, alpha_d),
+        };
         let (light, voxel_alpha) = match &self.object.colors {
             None => (DVec3::from_array(style), 1.0),
             Some(colors) => {
@@ -304,6 +317,44 @@ impl<'a> Line<'a> {
         let alpha = look.opacity * alpha_d * alpha_u * has_data * voxel_alpha;
         let lengths = self.object.reference_length_mm / function.reference_length_mm;
         Some((color.to_array(), opacity_correct(alpha, lengths)))
+    }
+
+    /// What styles show at `p`, straight color and α_d, with the patterns that they carry. `normal`: the surface's, in the world.
+    fn patterned(
+        &self,
+        p: DVec3,
+        depth_mm: f64,
+        normal: DVec3,
+        class: &Classification,
+        shown: ([f64; 3], f64),
+    ) -> ([f64; 3], f64) {
+        let (object, direction) = (self.object, self.ray.direction);
+        let rest_from_index = object.grid.world_from_index().matrix3;
+        let middle = 0.5 * (DVec3::from_array(object.grid.dims().map(|n| n as f64)) - 1.0);
+        let pixel_mm = pixel_mm(self.camera, self.image_height, depth_mm);
+        let rest_from_world = rest_from_index * self.body.index_from_world.matrix3;
+        let sheet =
+            Sheet::new(rest_from_index * (p - middle), normal, pixel_mm, rest_from_world, &self.frame, direction);
+        let styles = class.styles.map(|i| &object.styles[i]);
+        let follows = |style: &&Arc<StyleImage>| style.pattern.as_ref().is_some_and(Pattern::follows_curvature);
+        let bends = if styles.iter().any(follows) {
+            let index_from_rest = object.grid.index_from_world().matrix3;
+            let reach_mm = CURVATURE_VOXELS * object.grid.spacing_mm().min_element();
+            sheet.bends(reach_mm, |off| self.slope_of(p + index_from_rest * off).gradient().normalize_or_zero())
+        } else {
+            DVec2::ZERO
+        };
+        let light = object.lighting.as_ref().and_then(|lit| lit.lighting.lights.first());
+        let light = light.map(|light| light.in_world(self.camera));
+        let pixels_per_pt = f64::from(self.image_height) / object.page_height_pt;
+        let [first, second] =
+            styles.map(|style| drawn(style, shown, &sheet, bends, light, &self.frame, direction, pixels_per_pt));
+        let share = if class.styles[0] == class.styles[1] { 0.0 } else { class.weight };
+        let (a, b) = ((1.0 - share) * first.1, share * second.1);
+        if a + b <= 0.0 {
+            return ([0.0; 3], 0.0);
+        }
+        (std::array::from_fn(|c| (a * first.0[c] + b * second.0[c]) / (a + b)), a + b)
     }
 
     /// The face that regions make at `t`, of looks of which so much shows.

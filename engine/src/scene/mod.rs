@@ -24,6 +24,7 @@ pub use transfer_function::{Contours, StyleTransferFunction, TransferFunctionNod
 use crate::error::{Error, Result};
 use crate::selection::DistanceField;
 use crate::styles::StyleImage;
+use crate::styles::pattern::Pattern;
 use crate::volume::Volume;
 use crate::volume::bricks::BRICK;
 
@@ -172,6 +173,17 @@ impl Scene {
         self.quality.style_change / sharpest
     }
 
+    /// The patterns of the styles that an object uses.
+    pub fn patterns<'a>(&'a self, object: &'a Object) -> impl Iterator<Item = &'a Pattern> {
+        let nodes = object.transfer_functions().flat_map(StyleTransferFunction::all_nodes);
+        nodes.filter_map(|node| self.styles[node.style].pattern.as_ref())
+    }
+
+    /// Whether any style that an object uses carries a pattern.
+    pub fn has_patterns(&self, object: &Object) -> bool {
+        self.patterns(object).next().is_some()
+    }
+
     /// Width on the page of a pixel of a picture of `image_height` pixels, in figure points (1/72 inch).
     pub fn pixel_pt(&self, image_height: u32) -> f64 {
         self.page_height_mm / 25.4 * 72.0 / f64::from(image_height.max(1))
@@ -193,6 +205,9 @@ impl Scene {
             return Err(Error::scene("the camera is infinitely far away", "give it a larger field of view or height"));
         }
         self.quality.validate()?;
+        for style in &self.styles {
+            style.pattern.as_ref().map_or(Ok(()), |pattern| pattern.validate(&style.name))?;
+        }
         if !(self.page_height_mm.is_finite() && self.page_height_mm > 0.0) {
             return Err(Error::scene(
                 format!("the figure is {} mm high on the page", self.page_height_mm),

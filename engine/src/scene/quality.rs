@@ -38,10 +38,16 @@ pub const PARTS: u32 = 4;
 /// Rounds of the raycaster's loops in one pass (`MAX_ROUNDS` of `shaders/raycast.wgsl`).
 pub const MAX_ROUNDS: u32 = 65_000;
 
-/// Rounds that a piece takes at most with one look a part (`ROUNDS_PER_PIECE` of `shaders/lib/parts.wgsl`), each of which goes over
-/// the lights of an object that is lit.
-pub const fn rounds_per_piece(is_lit: bool) -> u32 {
-    7 + (1 + if is_lit { 1 + MAX_LIGHTS as u32 } else { 1 }) * PARTS
+/// Rounds that a look takes: its own, one for each light of an object that is lit and, where styles carry patterns, those of the
+/// curvature (4) and of two patterns with four groups of lines and two octaves of dots each.
+pub const fn rounds_per_look(is_lit: bool, has_patterns: bool) -> u32 {
+    1 + if is_lit || has_patterns { MAX_LIGHTS as u32 } else { 0 } + if has_patterns { 4 + 2 * (1 + 4 + 2) } else { 0 }
+}
+
+/// Rounds that a piece takes at most with one look a part (`ROUNDS_PER_PIECE` of `shaders/lib/parts.wgsl`), each of which takes
+/// `per_look`.
+pub const fn rounds_per_piece(per_look: u32) -> u32 {
+    7 + (1 + per_look) * PARTS
 }
 
 impl Quality {
@@ -65,8 +71,8 @@ impl Quality {
     /// How many pieces one pass of the raycaster may walk: software adapters end a shader's loops silently after 65 535
     /// rounds, summed over the nest. A piece takes [`rounds_per_piece`] with one look at the style a part; half of the rounds
     /// are left for more looks.
-    pub fn pieces_per_pass(is_lit: bool) -> u32 {
-        MAX_ROUNDS / 2 / rounds_per_piece(is_lit)
+    pub fn pieces_per_pass(per_look: u32) -> u32 {
+        MAX_ROUNDS / 2 / rounds_per_piece(per_look)
     }
 
     pub(crate) fn validate(&self) -> Result<()> {

@@ -6,6 +6,7 @@ use std::sync::mpsc::{Receiver, channel};
 
 use eframe::egui::{Color32, ColorImage, Context, Painter, Pos2, Rect, TextureHandle, TextureOptions, Vec2};
 use fabrica_engine::color::srgb8_from_linear;
+use fabrica_engine::reference::pattern::sphere;
 use fabrica_engine::styles::{StyleImage, StyleLibrary};
 
 use crate::figure::Template;
@@ -128,7 +129,8 @@ pub fn picture(style: &StyleImage, level: usize) -> ColorImage {
     let level = level.min(style.mips.len() - 1);
     let size = style.size >> level;
     let middle = 0.5 * (size as f32 - 1.0);
-    let pixels = style.mips[level].iter().enumerate().map(|(i, pixel)| {
+    let drawn = sphere(style, level);
+    let pixels = drawn.iter().enumerate().map(|(i, pixel)| {
         let from_middle = ((i % size) as f32 - middle).hypot((i / size) as f32 - middle);
         straight(*pixel, (middle + 0.5 - from_middle).clamp(0.0, 1.0))
     });

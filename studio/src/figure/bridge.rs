@@ -18,6 +18,7 @@ use fabrica_engine::volume::labels::Label;
 use glam::{DAffine3, DVec3};
 
 use super::sources::Sources;
+use super::style_settings::StyleSettings;
 use super::template::{
     AxisName, Background, CameraTemplate, Domain, IMPORTANCE, LightingTemplate, LookTemplate, MeetingTemplate,
     MoveTemplate, NodeTemplate, ObjectTemplate, ProjectionName, QualityName, Reference, RegionTemplate,
@@ -55,6 +56,7 @@ pub fn scene<'a>(
             volume,
             wardrobe,
             theme: theme.map(Arc::as_ref),
+            settings: Some(&template.style_settings),
             used: &mut used,
             notes: &mut notes,
             radius_mm,
@@ -116,8 +118,8 @@ pub(super) fn object(
     progress: &Progress,
 ) -> Result<Object> {
     let (used, notes) = (&mut Vec::new(), &mut Vec::new());
-    let (wardrobe, theme) = (styles.into(), None);
-    Making { volume, wardrobe, theme, used, notes, radius_mm: 1.0, poses: Vec::new(), distances: Vec::new(), progress }
+    let (wardrobe, theme, poses, distances) = (styles.into(), None, Vec::new(), Vec::new());
+    Making { volume, wardrobe, theme, settings: None, used, notes, radius_mm: 1.0, poses, distances, progress }
         .object(template)
 }
 
@@ -172,6 +174,8 @@ struct Making<'a> {
     wardrobe: Wardrobe<'a>,
     /// What the template's styles are drawn in.
     theme: Option<&'a Theme>,
+    /// Where the styles' sliders are; none: at the styles' own values.
+    settings: Option<&'a StyleSettings>,
     /// The scene's styles so far.
     used: &'a mut Vec<Arc<StyleImage>>,
     notes: &'a mut Vec<String>,
@@ -225,7 +229,11 @@ impl Making<'_> {
             for node in of {
                 let named = style.unwrap_or(&node.style);
                 let Wardrobe { styles, themes } = self.wardrobe;
-                let style = styles.get(self.theme.map_or(named, |theme| themes.style(theme, named)))?;
+                let drawn = self.theme.map_or(named, |theme| themes.style(theme, named));
+                let style = match self.settings.and_then(|settings| settings.get(drawn)) {
+                    Some(values) => styles.with_values(drawn, values)?,
+                    None => styles.get(drawn)?,
+                };
                 let position = self.used.iter().position(|s| Arc::ptr_eq(s, &style)).unwrap_or_else(|| {
                     self.used.push(style);
                     self.used.len() - 1

@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use anyhow::{Result, bail};
 
+use super::style_settings;
 use super::template::{
     Background, CameraTemplate, LightingTemplate, LookTemplate, MoveTemplate, NodeTemplate, Page, ProjectionName,
     QualityName, RegionTemplate, RestTemplate, Rgb, SelectionSlot, SelectionVoxels, ShadingTemplate, StructureTemplate,
@@ -56,6 +57,15 @@ pub enum Command {
     SetBackground(Background),
     /// Other styles for all of the figure, by a theme's name; none: its own.
     SetTheme(Option<String>),
+    /// A slider of a style, wherever the figure is drawn with that.
+    SetSlider {
+        /// The style's name.
+        style: String,
+        /// The slider's.
+        slider: String,
+        /// None: the style's own value.
+        value: Option<f64>,
+    },
     /// Size and resolution on the page.
     SetPage(Page),
     /// Accuracy of the export.
@@ -292,6 +302,7 @@ impl Command {
                 Ok(theme) => format!("Use theme {}", theme.title),
                 Err(_) => format!("Use theme {name}"),
             },
+            Self::SetSlider { style, slider, .. } => format!("Change {slider} of the style {style}"),
             Self::SetPage(page) => format!("Change page to {} x {} mm", short(page.width_mm), short(page.height_mm)),
             Self::SetQuality(_) => "Change quality".to_owned(),
             Self::SetTransferFunction { .. } => "Replace transfer function".to_owned(),
@@ -428,6 +439,12 @@ impl Command {
             Self::SetProjection(projection) => figure.camera.projection = projection,
             Self::SetBackground(background) => figure.background = background,
             Self::SetTheme(name) => figure.theme = name,
+            Self::SetSlider { style, slider, value } => {
+                if value.is_some_and(|value| !value.is_finite()) {
+                    bail!("the slider \"{slider}\" has no finite value; give another one");
+                }
+                style_settings::set(&mut figure.style_settings, &style, &slider, value);
+            }
             Self::SetPage(page) => figure.figure = page,
             Self::SetQuality(quality) => figure.quality = quality,
             Self::SetTransferFunction { of, function } | Self::SetRows { of, function, .. } => {

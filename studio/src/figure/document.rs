@@ -614,7 +614,7 @@ mod tests {
             let structure = [None, Some("liver".to_owned())][self.below(2)].clone();
             let part = (self.below(2) == 0).then(|| Chosen { region: self.below(2), structure });
             let of = FunctionOf { object, part, row: self.below(2) };
-            match self.below(30) {
+            match self.below(31) {
                 0 => Command::SetTitle(format!("Figure {}", self.below(5))),
                 1 => camera(document, self.number().abs()),
                 2 => Command::SetProjection([ProjectionName::Perspective, ProjectionName::Orthographic][self.below(2)]),
@@ -707,6 +707,10 @@ mod tests {
                 27 => Command::SetLighting { object, lighting: (self.below(3) > 0).then(|| self.lighting()) },
                 28 => Command::SetTheme([None, Some("xray"), Some("unknown")][self.below(3)].map(str::to_owned)),
                 29 => {
+                    let value = [None, Some(2.5), Some(f64::NAN)][self.below(3)];
+                    Command::SetSlider { style: "hatched".to_owned(), slider: "Spacing".to_owned(), value }
+                }
+                30 => {
                     let function = function_at(document.figure(), &of)
                         .unwrap_or_else(|| document.figure().objects[0].transfer_function.clone());
                     let function = match (&function.across, self.below(4)) {
@@ -767,7 +771,8 @@ mod tests {
             Command::SetShading { .. } => 26,
             Command::SetLighting { .. } => 27,
             Command::SetTheme(_) => 28,
-            Command::SetRows { .. } => 29,
+            Command::SetSlider { .. } => 29,
+            Command::SetRows { .. } => 30,
         }
     }
 
@@ -780,9 +785,9 @@ mod tests {
     #[test]
     fn a_random_walk_keeps_the_figure_whole_and_can_be_undone_to_its_first_byte() {
         let first = figure().to_json().unwrap();
-        let mut done = [0; 30];
+        let mut done = [0; 31];
         // Each kind that edits a function, on regions and on structures as well.
-        let mut done_on_parts = [0; 60];
+        let mut done_on_parts = [0; 62];
         for seed in 0..20 {
             let mut dice = Dice(seed);
             let mut document = Document::new(figure());
@@ -824,7 +829,7 @@ mod tests {
             assert_eq!(document.figure().to_json().unwrap(), last, "seed {seed}");
         }
         assert!(done.iter().all(|n| *n > 0), "never done: {done:?}");
-        for kind in [6, 7, 8, 9, 10, 12, 29] {
+        for kind in [6, 7, 8, 9, 10, 12, 30] {
             assert!(done_on_parts[2 * kind] > 0 && done_on_parts[2 * kind + 1] > 0, "{kind}: {done_on_parts:?}");
         }
     }

@@ -8,6 +8,7 @@ pub mod framing;
 pub mod shipped;
 pub mod source;
 pub mod sources;
+pub mod style_settings;
 pub mod template;
 pub mod theme;
 

@@ -20,6 +20,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::style_settings::StyleSettings;
+
 pub use across::{AcrossTemplate, AxisName, RowTemplate};
 pub use filter::FilterTemplate;
 pub use lighting::{FixedTo, LightTemplate, LightingModel, LightingTemplate, MAX_BRIGHTNESS, MAX_SHININESS};
@@ -57,6 +59,9 @@ pub struct Template {
     /// none, all is as it says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub theme: Option<String>,
+    /// Values of styles' sliders, by the style's name and the slider's, as in {"hatched": {"Spacing": 3.5}}. Default: the styles' own.
+    #[serde(default, skip_serializing_if = "StyleSettings::is_empty")]
+    pub style_settings: StyleSettings,
     /// The figure on the page.
     pub figure: Page,
     /// What is traded between speed and accuracy.

@@ -451,8 +451,7 @@ impl Editor {
                         let pending = self.filling.as_ref().map(|(_, number, slot, _)| (*number, slot));
                         let place_mm = self.slices.crosshair_mm().filter(|_| self.layout.shows_slices);
                         let filtering = properties::Filtering { preview: &mut self.filter_preview, place_mm, pending };
-                        let themes = self.gallery.wardrobe().themes;
-                        wanted = properties::show(ui, open, &names, themes, filtering);
+                        wanted = properties::show(ui, open, &names, self.gallery.wardrobe(), filtering);
                     });
                 });
             Panel::bottom("function")

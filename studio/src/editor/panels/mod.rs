@@ -14,5 +14,6 @@ pub mod regions;
 mod shading;
 pub mod start_page;
 mod strength;
+pub mod style_settings;
 pub mod styles;
 pub mod transfer_function;

@@ -10,10 +10,10 @@ use super::super::movable::Movable;
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::super::ui_command::UiCommand;
-use super::{lighting, moves, noise, regions, shading};
+use super::{lighting, moves, noise, regions, shading, style_settings};
 use crate::figure::Command;
 use crate::figure::template::{Background, Page, ProjectionName, QualityName, VolumeSlot};
-use crate::figure::theme::Themes;
+use crate::figure::theme::{Themes, Wardrobe};
 
 /// Width of the labels.
 const LABEL: f32 = 104.0;
@@ -111,7 +111,7 @@ pub fn show(
     ui: &mut Ui,
     open: &mut OpenFigure,
     styles: &[&str],
-    themes: &Themes,
+    wardrobe: Wardrobe<'_>,
     filtering: Filtering<'_>,
 ) -> Option<Wanted> {
     let mut wanted = None;
@@ -125,9 +125,10 @@ pub fn show(
         appearance(ui, open);
         shading::show(ui, open);
         lighting::show(ui, open);
+        style_settings::show(ui, open, wardrobe);
     });
     let mut chooses_theme = false;
-    section(ui, "Figure", true, |ui| chooses_theme = page(ui, open, themes));
+    section(ui, "Figure", true, |ui| chooses_theme = page(ui, open, wardrobe.themes));
     section(ui, "View", false, |ui| view(ui, open));
     section(ui, "Source", true, |ui| wanted = source(ui, open, filtering));
     if chooses_theme {

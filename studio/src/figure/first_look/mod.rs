@@ -186,6 +186,7 @@ pub fn first_look(volume: &Arc<Volume>, slot: VolumeSlot, progress: &Progress) -
         },
         background: Background::Color([255; 3]),
         theme: None,
+        style_settings: Default::default(),
         figure: Page { width_mm: PAGE_WIDTH_MM, height_mm: PAGE_WIDTH_MM, dpi: 300.0, extra: Default::default() },
         quality: QualityName::Standard,
         extra: Default::default(),
