@@ -10,8 +10,7 @@ use wgpu::util::DeviceExt as _;
 use super::bodies::{bodies_uniform, bounding_sphere, most_pieces, strengths};
 use super::distances::Distances;
 use super::patterns::BoundPatterns;
-use super::regions::{RegionLooks, Tables};
-use super::row_places::BrickEdges;
+use super::regions::{Made, RegionLooks};
 use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::error::{Error, Result, remedies};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
@@ -255,9 +254,8 @@ pub struct RaycastPass {
     styles: Option<(Vec<Arc<StyleImage>>, wgpu::TextureView)>,
     lighting_map: Option<(LightingMap, wgpu::TextureView)>,
     looks: Vec<Look>,
-    tables: Tables,
+    made: Made,
     distances: Distances,
-    brick_edges: BrickEdges,
     region_looks: Vec<RegionLooks>,
     patch: Option<ShaderPatch>,
 }
@@ -356,9 +354,8 @@ impl RaycastPass {
             styles: None,
             lighting_map: None,
             looks: Vec::new(),
-            tables: Tables::default(),
+            made: Made::default(),
             distances: Distances::default(),
-            brick_edges: BrickEdges::default(),
             region_looks: Vec::new(),
             patch,
         }
@@ -542,16 +539,7 @@ impl RaycastPass {
         let i = match known {
             Some(i) => i,
             None => {
-                let looks = RegionLooks::new(
-                    context,
-                    object,
-                    resident,
-                    regions,
-                    &mut self.tables,
-                    &mut self.brick_edges,
-                    lengths_mm,
-                    leaps,
-                )?;
+                let looks = RegionLooks::new(context, object, resident, regions, &mut self.made, lengths_mm, leaps)?;
                 if self.region_looks.len() >= MAX_REGION_LOOKS {
                     self.region_looks.remove(0);
                 }

@@ -148,30 +148,33 @@ fn shows(look: &Look) -> bool {
     look.transfer_function.all_nodes().any(|n| n.opacity > 0.0)
 }
 
-/// Tables that were made, so that one that changes costs one.
+/// What was made for looks: tables, so that one that changes costs one, and the edges of bricks.
 #[derive(Debug, Default)]
-pub struct Tables(Vec<(StyleTransferFunction, f64, Arc<TransferTable>)>);
+pub struct Made {
+    tables: Vec<(StyleTransferFunction, f64, Arc<TransferTable>)>,
+    edges: BrickEdges,
+}
 
 /// More than that are forgotten: three steps of a refining picture.
 const MAX_TABLES: usize = 3 * MAX_OPACITY_FUNCTIONS;
 
-impl Tables {
-    fn get(
+impl Made {
+    fn table(
         &mut self,
         object: &Object,
         resident: &ResidentVolume,
         function: &StyleTransferFunction,
         lengths: f64,
     ) -> Arc<TransferTable> {
-        if let Some((.., table)) = self.0.iter().find(|(f, l, _)| *l == lengths && f.same_opacity(function)) {
+        if let Some((.., table)) = self.tables.iter().find(|(f, l, _)| *l == lengths && f.same_opacity(function)) {
             return table.clone();
         }
         let made = TransferTable::new(function, object.volume.rescale, resident.encoding, object.data_range(), lengths);
         let made = Arc::new(made);
-        if self.0.len() >= MAX_TABLES {
-            self.0.remove(0);
+        if self.tables.len() >= MAX_TABLES {
+            self.tables.remove(0);
         }
-        self.0.push((function.clone(), lengths, made.clone()));
+        self.tables.push((function.clone(), lengths, made.clone()));
         made
     }
 }
@@ -291,8 +294,7 @@ impl RegionLooks {
         object: &Object,
         resident: &ResidentVolume,
         regions: &ResidentRegions,
-        tables: &mut Tables,
-        edges: &mut BrickEdges,
+        kept: &mut Made,
         lengths_mm: f64,
         leaps: bool,
     ) -> Result<Self> {
@@ -352,7 +354,7 @@ impl RegionLooks {
         let cuts = differs && !object.regions.is_empty();
         let layers: Vec<Arc<TransferTable>> = layers
             .iter()
-            .map(|function| tables.get(object, resident, function, in_steps(lengths_mm / function.reference_length_mm)))
+            .map(|function| kept.table(object, resident, function, in_steps(lengths_mm / function.reference_length_mm)))
             .collect();
         let (two, three) = (wgpu::TextureDimension::D2, [LIST_WIDTH, texels.len().div_ceil(LIST_WIDTH), 1]);
         let float = wgpu::TextureFormat::Rgba32Float;
@@ -381,7 +383,8 @@ impl RegionLooks {
         });
         let bits: Vec<Vec<LookBits>> = bits.chunks(1 + object.regions.len()).map(<[LookBits]>::to_vec).collect();
         // With longer steps than one leaps with, pieces reach farther out of a brick than its rows are known for.
-        let row_places = if leaps { RowPlaces::new(object, &all_across, edges) } else { RowPlaces::default() };
+        let row_places =
+            if leaps { RowPlaces::new(object, &all_across, &mut kept.edges) } else { RowPlaces::default() };
         let places = Places::new(context, object, regions, &showing(&bits, &row_places, &layers, resident, leaps))?;
         let most_gaps = rows.most_gaps;
         let rows = has_rows.then(|| {
