@@ -17,7 +17,7 @@ use fabrica_engine::slice::anatomical::{Convention, Orientation};
 use fabrica_studio::editor::slices::SliceViews;
 use fabrica_studio::editor::{Editor, Options, UiCommand};
 use fabrica_studio::figure::Template;
-use fabrica_studio::figure::template::{MoveTemplate, RegionTemplate, Tint};
+use fabrica_studio::figure::template::{AcrossTemplate, AxisName, MoveTemplate, RegionTemplate, Tint};
 use glam::DVec3;
 
 const FIGURE: &str = r##"{
@@ -406,7 +406,7 @@ fn a_theme_is_chosen_in_one_step_and_taken_back() {
     assert_eq!(labels(&harness), ["Use theme Chalk on black"]);
     let themed = picture(&harness);
     assert_eq!(themed[..4], [0x12, 0x15, 0x18, 255]);
-    assert!(harness.query_by_label("#121518, of the theme").is_some());
+    assert!(harness.query_by_label("#121518 (theme)").is_some());
     // The same again is no step.
     choose(&mut harness, "Chalk on black");
     assert_eq!(labels(&harness).len(), 1);
@@ -2400,4 +2400,68 @@ fn a_missing_label_map_is_asked_for() {
     assert_eq!(figure(&harness).to_json().unwrap(), before);
     click_on(&mut harness, "Not now");
     assert!(harness.query_by_label("Choose a file…").is_none());
+}
+
+/// The second coordinate of the object's transfer function, if it has one.
+fn across(harness: &Window) -> Option<AcrossTemplate> {
+    figure(harness).objects[0].transfer_function.across.clone()
+}
+
+#[test]
+fn a_function_goes_by_a_second_coordinate_whose_rows_are_edited_on_a_map() {
+    let place = Place::with_ball();
+    let mut harness = opened_with_ribs(&place);
+    let title = figure(&harness).objects[0].title().to_owned();
+    click_on(&mut harness, &title);
+    let one = figure(&harness);
+    assert!(across(&harness).is_none() && harness.query_by_label("Map of the transfer function").is_none());
+    click_on(&mut harness, "Second coordinate");
+    click_on(&mut harness, "value × edge strength");
+    settle(&mut harness);
+    let (own, rows) = (&one.objects[0].transfer_function.nodes, across(&harness).unwrap().rows);
+    assert!(rows.len() == 1 && rows[0].nodes == *own, "rows begin alike: {rows:?}");
+    assert!(harness.query_by_label("Map of the transfer function").is_some());
+    assert!(harness.unnamed_widgets().is_empty(), "widgets without a name");
+    // A row follows the hand, in one step.
+    let before = labels(&harness).len();
+    let map = harness.get_by_label("Map of the transfer function").rect();
+    let from = Pos2::new(map.left() + 4.0, middle(&harness, "Row 2 at 0.5").y);
+    drag_from(&mut harness, from, from - Vec2::new(0.0, 0.25 * map.height()));
+    let at = across(&harness).unwrap().rows[0].at;
+    assert!((at - 0.75).abs() < 0.08 && labels(&harness).len() == before + 1, "{at}");
+    // What is chosen is edited: the row's own nodes, on its curve.
+    click_on(&mut harness, "Node 4 at 180");
+    click_on(&mut harness, "Node opacity");
+    enter(&mut harness, "35");
+    let function = figure(&harness).objects[0].transfer_function.clone();
+    assert!(function.nodes_of(1)[3].opacity == 0.35 && function.nodes == *own, "{function:?}");
+    // A node is dragged along its row.
+    let node = middle(&harness, "Row 1, node 1 at 20");
+    drag_from(&mut harness, node, node + Vec2::new(20.0, 0.0));
+    let moved = figure(&harness).objects[0].transfer_function.clone();
+    assert!(moved.nodes[0].at > 21.0 && moved.nodes_of(1) == function.nodes_of(1), "{moved:?}");
+    click_on(&mut harness, "Add row");
+    assert_eq!(across(&harness).unwrap().rows.len(), 2);
+    click_on(&mut harness, "Row place");
+    enter(&mut harness, "0.3");
+    assert_eq!(across(&harness).unwrap().rows[0].at, 0.3);
+    settle(&mut harness);
+    assert_eq!(editor(&harness).banner(), None);
+    click_on(&mut harness, "Remove row");
+    assert_eq!(across(&harness).unwrap().rows.len(), 1);
+    // Another coordinate keeps the rows; what distances are measured from is a region.
+    click_on(&mut harness, "Second coordinate");
+    click_on(&mut harness, "value × distance");
+    let (by, region) = (across(&harness).unwrap(), figure(&harness).objects[0].regions[0].title().to_owned());
+    assert_eq!((by.by, by.from.as_deref(), by.rows.len()), (AxisName::Distance, Some(&*region), 1));
+    settle(&mut harness);
+    assert_eq!(editor(&harness).banner(), None);
+    click_on(&mut harness, "Second coordinate");
+    click_on(&mut harness, "value alone");
+    assert!(across(&harness).is_none());
+    for _ in before - 1..labels(&harness).len() {
+        run(&mut harness, UiCommand::Undo);
+    }
+    assert_eq!(figure(&harness).objects[0].transfer_function, one.objects[0].transfer_function);
+    settle(&mut harness);
 }

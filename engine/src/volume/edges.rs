@@ -109,6 +109,6 @@ mod tests {
         let found = brick_maxima(&volume, 0.0);
         assert_eq!(found, [0.0, 0.0, 1.0, 0.0, 0.0]);
         let smooth = brick_maxima(&volume, 2.0);
-        assert!(smooth[1] > 0.2 && smooth[2] < 0.9 && smooth[3] > 0.2 && smooth[0] < 0.05, "{smooth:?}");
+        assert!(smooth[1] > 0.15 && smooth[2] < 0.5 && smooth[3] > 0.15 && smooth[0] < 0.05, "{smooth:?}");
     }
 }

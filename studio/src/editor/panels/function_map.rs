@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use eframe::egui::{
     self, Align2, Button, Color32, ColorImage, ComboBox, Context, CursorIcon, DragValue, FontId, Pos2, Rect, Role,
-    Sense, Stroke, TextureHandle, TextureOptions, Ui, UiBuilder, Vec2, WidgetInfo,
+    Sense, Stroke, TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo,
 };
 use fabrica_engine::Progress;
 use fabrica_engine::scene::across::MAX_ROWS;
@@ -196,11 +196,7 @@ fn places_shown(across: &AcrossTemplate) -> (f64, f64) {
 pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut MapView, area: Rect, values: (f64, f64)) {
     let Some(function) = open.whole_function() else { return };
     let Some(across) = function.across.clone() else { return };
-    let top = Rect::from_min_size(area.min, Vec2::new(area.width(), theme::ROW));
-    ui.scope_builder(UiBuilder::new().max_rect(top), |ui| {
-        ui.horizontal(|ui| row_fields(ui, open, &function, &across));
-    });
-    let rect = Rect::from_min_max(area.min + Vec2::new(AXIS, theme::ROW + 6.0), area.max - Vec2::new(4.0, 16.0));
+    let rect = Rect::from_min_max(area.min + Vec2::new(AXIS, 4.0), area.max - Vec2::new(4.0, 16.0));
     if rect.height() < 24.0 || rect.width() < 40.0 {
         return;
     }
@@ -291,7 +287,9 @@ fn add_row(open: &mut OpenFigure, function: &TransferFunctionTemplate, place: f6
 }
 
 /// The row that is worked on: where it is, one more, one less; what distances are measured from.
-fn row_fields(ui: &mut Ui, open: &mut OpenFigure, function: &TransferFunctionTemplate, across: &AcrossTemplate) {
+pub fn row_fields(ui: &mut Ui, open: &mut OpenFigure) {
+    let Some(function) = open.whole_function() else { return };
+    let Some(across) = &function.across else { return };
     let (row, num_rows) = (open.row.min(function.num_rows() - 1), function.num_rows());
     let of = open.function_of();
     let places = across.places();
@@ -310,7 +308,7 @@ fn row_fields(ui: &mut Ui, open: &mut OpenFigure, function: &TransferFunctionTem
             let before = row.checked_sub(1).map_or(places[row] - 1.0, |before| places[before]);
             places[row] + (places[row] - before)
         });
-        add_row(open, function, places[row].midpoint(next), 1e-3);
+        add_row(open, &function, places[row].midpoint(next), 1e-3);
     }
     let less = ui.add_enabled(num_rows > 2, Button::new("Remove row"));
     let why = "A 2-D function has two rows at least: choose \"value alone\" instead";
@@ -327,7 +325,7 @@ fn row_fields(ui: &mut Ui, open: &mut OpenFigure, function: &TransferFunctionTem
     }
     let from = across.from.clone().unwrap_or_default();
     let mut wanted = None;
-    let combo = ComboBox::from_id_salt("distance from").selected_text(format!("from {from}")).width(110.0);
+    let combo = ComboBox::from_id_salt("distance from").selected_text(format!("from {from}")).width(96.0).truncate();
     let response = combo.show_ui(ui, |ui| {
         for name in names_to_measure_from(open) {
             if ui.selectable_label(name == from, &name).clicked() {

@@ -78,6 +78,8 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut Fu
         ui.label("The figure has no object.");
         return;
     };
+    // Undo may have taken it away.
+    open.row = open.row.min(open.num_rows() - 1);
     let volume = open.chosen_volume().cloned();
     let volume = volume.as_deref();
     let statistics = statistics_of(volume);
@@ -85,6 +87,9 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut Fu
     // Whatever the fields above need: the plot has the panel's width.
     let width = ui.max_rect();
     header(ui, open, gallery, view, positions, volume);
+    if open.num_rows() > 1 {
+        ui.horizontal(|ui| function_map::row_fields(ui, open));
+    }
 
     let tokens = theme::tokens(ui.ctx());
     let mut area = ui.available_rect_before_wrap().intersect(width);

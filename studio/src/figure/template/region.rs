@@ -57,7 +57,7 @@ pub struct RegionTemplate {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moved: Option<MoveTemplate>,
     /// How much it matters to what the figure tells, 0 or more; of a group, that of its structures that have none of their own.
-    /// Nothing is drawn by it yet. Default: 1.
+    /// 2-D transfer functions may go by it. Default: 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub importance: Option<f64>,
     /// Fields of other versions, kept as they are.
