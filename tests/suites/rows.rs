@@ -218,7 +218,7 @@ fn rows_that_are_alike_are_one() {
             let two = of_rows(&lumpy(), axis, &[(0.0, nodes), (1.0, nodes)], Quality::STANDARD);
             let one = phantom::scene(&lumpy(), nodes, Quality::STANDARD);
             let apart = difference(&draw(&mut renderer, &one, SIZE), &draw(&mut renderer, &two, SIZE));
-            assert!(apart < 2e-5, "{axis:?} {apart}");
+            assert!(apart < 2e-4, "{axis:?} {apart}");
         }
     }
 }
@@ -231,7 +231,7 @@ fn at_a_row_that_row_is_drawn() {
     for place in [1.0, 2.0, 1e9] {
         let two = of_rows(&lumpy(), Axis::Even(place), &[(0.0, VEIL), (1.0, BODY)], Quality::STANDARD);
         let apart = difference(&one, &draw(&mut renderer, &two, SIZE));
-        assert!(apart < 2e-5, "{place}: {apart}");
+        assert!(apart < 2e-4, "{place}: {apart}");
     }
 }
 

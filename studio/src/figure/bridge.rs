@@ -6,6 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result, bail};
 use fabrica_engine::Progress;
 use fabrica_engine::color::linear_from_srgb8;
+use fabrica_engine::scene::across::Between;
 use fabrica_engine::scene::{
     self, Across, Axis, Camera, Contours, Look, Meeting, Meetings, Moved, Object, Projection, Quality, Region, Row,
     Scene, StyleTransferFunction, TransferFunctionNode,
@@ -242,7 +243,7 @@ impl Making<'_> {
             }
             Ok(nodes)
         };
-        let own = nodes(&template.nodes)?;
+        let mut own = nodes(&template.nodes)?;
         let across = match &template.across {
             None => None,
             Some(across) => {
@@ -256,7 +257,8 @@ impl Making<'_> {
                     (AxisName::Distance, Some(field)) => Axis::Distance(field),
                     (AxisName::Distance, None) => bail!("there are no distances from \"{from}\"; name another region"),
                 };
-                Some(Across { axis, at: across.at, rows })
+                let across = Across { axis, at: across.at, rows };
+                if matches!(axis, Axis::Even(_)) { only_around(across, importance, &mut own) } else { Some(across) }
             }
         };
         let voxel_mm = self.volume.grid.spacing_mm().min_element();
@@ -347,6 +349,19 @@ impl Making<'_> {
             opacity: if visible { look.opacity.unwrap_or(1.0) } else { 0.0 },
         })
     }
+}
+
+/// Of rows by a number that is the same throughout, those that it is between: but nodes (`own`), where it is at one or beyond all.
+fn only_around(across: Across, place: f64, own: &mut Vec<TransferFunctionNode>) -> Option<Across> {
+    let Between { lower, upper, .. } = across.between(place);
+    let mut rows = across.rows;
+    rows.insert(0, Row { at: across.at, nodes: std::mem::take(own) });
+    rows.truncate(upper + 1);
+    let mut around = rows.split_off(lower).into_iter();
+    let first = around.next()?;
+    *own = first.nodes;
+    let rows: Vec<Row> = around.collect();
+    (!rows.is_empty()).then_some(Across { axis: across.axis, at: first.at, rows })
 }
 
 /// What the functions of an object measure distances from, each with its field.
@@ -516,6 +531,26 @@ mod tests {
     use super::*;
     use crate::figure::sources::Selections;
     use crate::figure::template::{SelectionSlot, StructureTemplate, Tint};
+
+    #[test]
+    fn rows_by_importance_are_those_around_it() {
+        let nodes = |value: f64| vec![TransferFunctionNode { value, style: 0, opacity: 0.5 }];
+        let across = || Across {
+            axis: Axis::Even(0.0),
+            at: 0.0,
+            rows: [1.0, 2.0].map(|at| Row { at, nodes: nodes(at) }).to_vec(),
+        };
+        let found = |place: f64| {
+            let mut own = nodes(0.0);
+            let rows = only_around(across(), place, &mut own).map(|a| (a.at, a.rows.iter().map(|r| r.at).collect()));
+            (own[0].value, rows)
+        };
+        assert_eq!(found(-1.0), (0.0, None));
+        assert_eq!(found(0.25), (0.0, Some((0.0, vec![1.0]))));
+        assert_eq!(found(1.0), (1.0, None));
+        assert_eq!(found(1.5), (1.0, Some((1.0, vec![2.0]))));
+        assert_eq!(found(9.0), (2.0, None));
+    }
 
     /// A volume of 32³ voxels of 2 mm, all shown, with two boxes in a label map.
     fn figure() -> (Template, Sources) {
