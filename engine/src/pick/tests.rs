@@ -4,10 +4,13 @@ use glam::DAffine3;
 
 use super::*;
 use crate::image_out::Picture;
+use crate::progress::Progress;
 use crate::reference::Reference;
 use crate::reference::testing::{awkward_affines, looking_at, node, scene, sphere_style, volume};
-use crate::scene::{Look, Meeting, Meetings, Moved, Projection, Region, StyleTransferFunction, TransferFunctionNode};
-use crate::selection::{BrickPool, Selection};
+use crate::scene::{
+    Across, Axis, Look, Meeting, Meetings, Moved, Projection, Region, Row, StyleTransferFunction, TransferFunctionNode,
+};
+use crate::selection::{BrickPool, DistanceField, Selection};
 use crate::spaces::Grid;
 use crate::styles::{STYLE_SIZE, StyleImage, normal_from_uv};
 use crate::volume::{Rescale, Volume, Voxels};
@@ -43,6 +46,36 @@ fn ball_in_shell(shell: f64, projection: Projection) -> Scene {
     let nodes = [vec![node(-250.0, 0, shell), node(-250.0, 0, 0.0)], solid()].concat();
     let camera = looking_at(CENTER - 100.0 * DVec3::Y, CENTER, projection);
     scene(volume([33; 3], DAffine3::IDENTITY, field), nodes, vec![white()], camera)
+}
+
+#[test]
+fn rows_of_functions_are_met_where_they_show() {
+    let camera = looking_at(CENTER - 100.0 * DVec3::Y, CENTER, ORTHO);
+    let (solid, nothing) = (vec![node(0.0, 0, 1.0)], vec![node(0.0, 0, 0.0)]);
+    let mut scene = scene(volume([33; 3], DAffine3::IDENTITY, |_| 500.0), solid.clone(), vec![white()], camera);
+    let object = &mut scene.objects[0];
+    let grid = object.volume.grid;
+    let mut selection = Selection::empty(grid, &Arc::default());
+    selection.change([[0, 33]; 3], |voxel, _| {
+        let r = DVec3::from_array(voxel.map(|n| n as f64)).distance(CENTER);
+        (255.0 * (4.5 - r).clamp(0.0, 1.0)) as u8
+    });
+    object.distances = vec![DistanceField::of(&[selection], &grid, &Progress::new()).unwrap()];
+    // Up to 6 mm from a ball of 4, by what shows there.
+    let row = |at: f64, nodes: &Vec<TransferFunctionNode>| Row { at, nodes: nodes.clone() };
+    object.transfer_function.across = Some(Across { axis: Axis::Distance(0), at: 5.9, rows: vec![row(6.1, &nothing)] });
+    let picked = pick(&scene, SIZE, 16, 16).unwrap();
+    assert!((picked.position_mm - (CENTER - 10.0 * DVec3::Y)).length() < 0.5 && picked.row == 0, "{picked:?}");
+    // By a number that is the same throughout: all of the volume, or nothing of it.
+    let function = &mut scene.objects[0].transfer_function;
+    function.nodes = nothing;
+    function.across = Some(Across { axis: Axis::Even(1.0), at: 0.0, rows: vec![row(1.0, &solid)] });
+    let picked = pick(&scene, SIZE, 16, 16).unwrap();
+    assert!((picked.position_mm.y + 0.5).abs() < 0.5 && picked.row == 1, "{picked:?}");
+    if let Some(across) = &mut scene.objects[0].transfer_function.across {
+        across.axis = Axis::Even(0.0);
+    }
+    assert_eq!(pick(&scene, SIZE, 16, 16), None);
 }
 
 #[test]

@@ -214,7 +214,7 @@ mod tests {
             [([48, 48, 48], DVec3::ONE, 14.0), ([60, 60, 20], DVec3::new(0.5, 0.5, 1.5), 9.0)]
         {
             let error = error_mm(dims, spacing, radius_mm);
-            assert!(error < 0.1 * spacing.max_element(), "{radius_mm}: {error} mm");
+            assert!(error < 0.2 * spacing.max_element(), "{radius_mm}: {error} mm");
         }
     }
 
@@ -224,7 +224,7 @@ mod tests {
         let (selection, _) = ball([400, 32, 32], spacing, 1.2);
         let field = DistanceField::of(std::slice::from_ref(&selection), selection.grid(), &Progress::new()).unwrap();
         assert_eq!((field.dims(), field.voxels()), ([134, 11, 11], [3, 3, 3]));
-        assert!(error_mm([400, 32, 32], spacing, 1.2) < 0.06);
+        assert!(error_mm([400, 32, 32], spacing, 1.2) < 0.2 * 0.3);
     }
 
     #[test]
