@@ -10,7 +10,7 @@
 #import lib/face
 #import lib/fullscreen
 #import lib/opacity
-#import lib/parts
+#import lib/looks
 #import lib/ray
 #import lib/skip
 #import lib/stretch
@@ -26,6 +26,9 @@
 #if cuts
 #import lib/cut_face
 #end
+#if parts
+#import lib/part
+#end
 
 @vertex
 fn vs_raycast(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4f {
@@ -37,27 +40,34 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     // The picture's integer pixel: every tiling computes the same ray, bit for bit.
     let pixel = vec2u(position.xy) * frame.stride + frame.tile_origin;
     let ray = ray_from_pixel(pixel);
-    let span = intersect_box(ray.origin, ray.direction, vec3f(-0.5), object.box_max);
-    // Δ in mm so that a step is `step_voxels` voxels long in index space, whatever the spacing.
-    let step = frame.step_voxels / length(ray.direction);
-    let steps = (span.y - span.x) / step;
-    let count = min(num_pieces(steps), frame.pieces.y);
-    let first = ray.origin + span.x * ray.direction;
-    let stride = step * ray.direction;
     let axes = ray_frame(ray.world_direction);
-    let exponent = step / object.reference_length;
-    // What is left for looks beyond one a part, so that a software adapter never ends the loops by itself.
+    var accumulated = resume(vec2u(position.xy));
+#if parts
+    // The part that is walked through, and its pieces; the entry of the tile's list that is next.
+    var march: March;
+    var steps = 0.0;
+    var count = 0u;
+    var k = 0u;
+    let list = list_of(pixel);
+    var entry = list.x;
+    // What the parts before took, as pieces.
+    var base = 0u;
+    var is_over = 1.0 - accumulated.a < frame.termination;
+    let walked = frame.pieces.y - frame.pieces.x;
+#else
+    let span = intersect_box(ray.origin, ray.direction, vec3f(-0.5), object.box_max);
+    let march = march_of(ray, axes, ray.origin, ray.direction, span.x, Pose(0u));
+    let steps = (span.y - span.x) / march.step_mm;
+    let count = min(num_pieces(steps), frame.pieces.y);
     let walked = count - min(frame.pieces.x, count);
+    var k = select(frame.pieces.x, count, 1.0 - accumulated.a < frame.termination);
+#end
+    // What is left for looks beyond one a part, so that a software adapter never ends the loops by itself.
 #if regions
     var spare = i32(MAX_ROUNDS) - i32(walked * regions.rounds_per_piece);
 #else
     var spare = i32(MAX_ROUNDS) - i32(walked * ROUNDS_PER_PIECE);
 #end
-    let march = March(Pose(0u), first, stride, ray.world_direction, axes, frame.near_depth + span.x * ray.depth_per_mm,
-        step * ray.depth_per_mm, step);
-
-    var accumulated = resume(vec2u(position.xy));
-    var k = select(frame.pieces.x, count, 1.0 - accumulated.a < frame.termination);
     // The value at the front of piece k, once it is known: after a leap it is sampled first.
     var front = 0.0;
     var known = false;
@@ -74,7 +84,6 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     var met = false;
 #if contours
     // What κ_v is measured against: d₀, in steps, before the front and the back of the piece.
-    let lag = object.reference_length / step;
     var lagged: Lagged;
 #end
     loop {
@@ -88,22 +97,25 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 #if alpha
         var back_alpha = 0.0;
 #end
+#if parts
+        loop {
+#end
         loop {
             loop {
                 if k >= count { break; }
-                let brick = brick_of(first + piece_middle(k, steps) * stride);
+                let brick = brick_of(march.first + piece_middle(k, steps) * march.stride);
                 let cell = textureLoad(skip_map, brick, 0);
 #if functions
                 kind = cell.y;
 #end
                 if cell.x == 0u { break; }
-                k = leap(brick, cell.x, first, stride, k);
+                k = leap(brick, cell.x, march.first, march.stride, k);
                 known = false;
                 met = false;
             }
             if k >= count { break; }
             let boundary = piece_end(select(k, k + 1u, known), steps);
-            back = sample_volume(volume, volume_sampler, first + boundary * stride, object.texel_scale);
+            back = sample_volume(volume, volume_sampler, march.first + boundary * march.stride, object.texel_scale);
 #if functions
             candidates = may_show(kind, front, back);
             visible = known && candidates != 0u;
@@ -111,7 +123,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             visible = known && classify_piece(only_function(), front, back).extinction > 0.0;
 #end
 #if alpha
-            back_alpha = sample_color(colors, first + boundary * stride).a;
+            back_alpha = sample_color(colors, march.first + boundary * march.stride).a;
             visible = visible && max(front_alpha, back_alpha) > 0.0;
 #end
             if visible { break; }
@@ -123,9 +135,30 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 #end
             met = false;
         }
+#if parts
+            if visible || is_over { break; }
+            // On into the next part.
+            loop {
+                is_over = entry >= list.y || base >= frame.pieces.y;
+                if is_over { break; }
+                let part = through(entry, ray);
+                entry += 1u;
+                march = march_of(ray, axes, part.origin, part.direction, part.span.x, part.pose);
+                steps = max(part.span.y - part.span.x, 0.0) / march.step_mm;
+                let all = num_pieces(steps);
+                count = min(all, max(frame.pieces.y, base) - base);
+                k = min(max(frame.pieces.x, base) - base, count);
+                base += all + UNITS_PER_CELL;
+                if k < count { break; }
+            }
+            known = false;
+            met = false;
+        }
+#end
         if !visible { break; }
 
         let length_k = piece_length(k, steps);
+        let exponent = march.step_mm / object.reference_length;
 #if functions
         // What a look shows of a piece does not depend on what others show of it.
         let shows = layers_that_show(candidates, front, back);
@@ -135,16 +168,17 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         let num_parts = num_pieces(length_k * f32(PARTS));
 #end
 #if cuts
-        let cut = cut_face(first + piece_middle(k, steps) * stride, front, back, shows, march.pose);
+        let cut = cut_face(march.first + piece_middle(k, steps) * march.stride, front, back, shows, march.pose);
 #else
         let cut = vec4f(0.0);
 #end
 #if contours
+        let lag = object.reference_length / march.step_mm;
         lagged.length = length_k;
         var e = u32(met);
         loop {
             lagged.front = lagged.back;
-            lagged.back = gradient_at(first + (piece_end(k + e, steps) - lag) * stride);
+            lagged.back = gradient_at(march.first + (piece_end(k + e, steps) - lag) * march.stride);
             e += 1u;
             if e > 1u { break; }
         }
@@ -153,7 +187,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         var j = u32(met);
         loop {
             let place = part_boundary(j, length_k);
-            let next = edge_at(first + (f32(k) + place) * stride, march.pose);
+            let next = edge_at(march.first + (f32(k) + place) * march.stride, march.pose);
             let before = part_boundary(max(j, 1u) - 1u, length_k);
             // At the front of the piece there is nothing yet to look at: one look at no length.
             let wanted = select(num_looks(edge.normal, next.normal), 1u, j == 0u);
@@ -199,4 +233,12 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         k += 1u;
     }
     return accumulated;
+}
+
+// The march of a ray that enters a body at `enter` mm.
+fn march_of(ray: Ray, axes: Axes, origin: vec3f, direction: vec3f, enter: f32, pose: Pose) -> March {
+    // Δ in mm so that a step is `step_voxels` voxels long in index space, whatever the spacing.
+    let step = frame.step_voxels / length(direction);
+    return March(pose, origin + enter * direction, step * direction, ray.world_direction, axes,
+        frame.near_depth + enter * ray.depth_per_mm, step * ray.depth_per_mm, step);
 }

@@ -14,7 +14,7 @@
 #import lib/fullscreen
 #import lib/meeting
 #import lib/opacity
-#import lib/parts
+#import lib/looks
 #import lib/ray
 #import lib/skip
 #import lib/stretch
@@ -25,6 +25,9 @@
 #import {resume}
 #if functions
 #import lib/functions
+#end
+#if parts
+#import lib/part
 #end
 
 // What is farther than anything, mm.
@@ -40,22 +43,39 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2u(position.xy) * frame.stride + frame.tile_origin;
     let ray = ray_from_pixel(pixel);
     let axes = ray_frame(ray.world_direction);
-    // Of each body: the ray in its index space, and where (mm) it enters and leaves its box.
+    // Of each body that may be met: the ray in its index space, and where (mm) it enters and leaves its box.
     var origins: array<vec3f, MAX_BODIES>;
     var directions: array<vec3f, MAX_BODIES>;
     var spans: array<vec2f, MAX_BODIES>;
+#if parts
+    // Which bodies these are.
+    var ids: array<u32, MAX_BODIES>;
+    let list = list_of(pixel);
+    let num_bodies = list.y - list.x;
+#else
+    let num_bodies = bodies.count;
+#end
     var i = 0u;
     loop {
-        origins[i] = body_origin(i, ray.screen);
-        directions[i] = body_direction(i, ray.world_direction);
-        spans[i] = intersect_box(origins[i], directions[i], bodies.list[i].box_low, bodies.list[i].box_high);
+#if parts
+        let id = part_texel(list.x + i).x;
+        ids[i] = id;
+        let walls = between_walls(bodies.list[id].first_wall, bodies.list[id].num_walls, ray).span;
+#else
+        let id = i;
+        let walls = vec2f(-NEVER, NEVER);
+#end
+        origins[i] = body_origin(id, ray.screen);
+        directions[i] = body_direction(id, ray.world_direction);
+        let span = intersect_box(origins[i], directions[i], bodies.list[id].box_low, bodies.list[id].box_high);
+        spans[i] = vec2f(max(span.x, walls.x), min(span.y, walls.y));
         i += 1u;
-        if i >= bodies.count { break; }
+        if i >= num_bodies { break; }
     }
     // What is left for looks beyond one a part, so that a software adapter never ends the loops by itself: besides pieces, there are
     // the ends of the stretches.
     var spare = i32(MAX_ROUNDS) - i32(frame.pieces.y - frame.pieces.x)
-        - i32((2u * bodies.count + 2u) * (3u * bodies.count + 8u));
+        - i32((2u * num_bodies + 2u) * (3u * num_bodies + 8u));
     var accumulated = resume(vec2u(position.xy));
 
     // The stretch of the ray that is walked through: from where to where, mm, with which bodies, and what a step of it is, mm.
@@ -70,7 +90,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     var k = 0u;
     var count = 0u;
     var num_all = 0u;
-    var is_over = 1.0 - accumulated.a < frame.termination;
+    var is_over = 1.0 - accumulated.a < frame.termination || num_bodies == 0u;
 
     // Of each body: the values at the front and at the back of piece k; `known`: a bit for each whose front is known.
     var fronts: array<f32, MAX_BODIES>;
@@ -106,7 +126,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                         let enter = max(spans[n].x, end);
                         begin = select(begin, min(begin, enter), spans[n].y > enter + bodies.tiny_mm);
                         n += 1u;
-                        if n >= bodies.count { break; }
+                        if n >= num_bodies { break; }
                     }
                     end = NEVER;
                     bodies_here = 0u;
@@ -120,7 +140,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                         bodies_here |= select(0u, 1u << n, is_here);
                         fastest = select(fastest, max(fastest, length(directions[n])), is_here);
                         n += 1u;
-                        if n >= bodies.count { break; }
+                        if n >= num_bodies { break; }
                     }
                     is_over = begin >= NEVER || base >= frame.pieces.y;
                     // Δ in mm so that a step is `step_voxels` voxels of the finest body.
@@ -141,10 +161,15 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 loop {
                     let b = firstTrailingBit(left);
                     left &= left - 1u;
+#if parts
+                    let body = ids[b];
+#else
+                    let body = b;
+#end
                     let first = origins[b] + begin * directions[b];
                     let stride = step * directions[b];
-                    let brick = brick_in_body(first + piece_middle(k, steps) * stride, b);
-                    let cell = skip_cell_of(brick, b);
+                    let brick = brick_in_body(first + piece_middle(k, steps) * stride, body);
+                    let cell = skip_cell_of(brick, body);
                     shows[b] = cell.y;
                     present |= select(0u, 1u << b, cell.x == 0u);
                     next = min(next, leap(brick, max(cell.x, 1u), first, stride, k));
@@ -222,8 +247,13 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         loop {
             let b = firstTrailingBit(ending);
             ending &= ending - 1u;
+#if parts
+            let body = ids[b];
+#else
+            let body = b;
+#end
             let middle = place_in(origins[b], directions[b], begin + piece_middle(k, steps) * step);
-            faces[b] = cut_face(middle, fronts[b], backs[b], faces_of(shows[b], b), pose_of(b));
+            faces[b] = cut_face(middle, fronts[b], backs[b], faces_of(shows[b], body), pose_of(body, ray));
 #if contours
             let before_front = begin + f32(k) * step - object.reference_length;
             let before_back = begin + piece_end(k + 1u, steps) * step - object.reference_length;
@@ -245,7 +275,12 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             loop {
                 let b = firstTrailingBit(left);
                 left &= left - 1u;
-                let march = March(pose_of(b), origins[b] + begin * directions[b], step * directions[b], ray.world_direction,
+#if parts
+                let body = ids[b];
+#else
+                let body = b;
+#end
+                let march = March(pose_of(body, ray), origins[b] + begin * directions[b], step * directions[b], ray.world_direction,
                     axes, frame.near_depth + begin * ray.depth_per_mm, step * ray.depth_per_mm, step);
                 let edge = edges[b];
                 let next = edge_at(march.first + (f32(k) + place) * march.stride, march.pose);
@@ -273,7 +308,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 edges[b] = next;
                 own = select(own, vec4f(0.0), j == 0u);
                 let alpha = opacity_correct(own.a, 1.0 / max(exponent_j, 1e-30));
-                meeting = joined_by(meeting, b, Shown(own.rgb / max(own.a, 1e-30), alpha, part_of, 0.5 * (edge.value + next.value)));
+                meeting = joined_by(meeting, body, Shown(own.rgb / max(own.a, 1e-30), alpha, part_of, 0.5 * (edge.value + next.value)));
                 if left == 0u { break; }
             }
             let seen_here = what_meets(meeting);

@@ -5,7 +5,8 @@ use crate::error::{Error, Result};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::regions::ResidentRegions;
 use crate::gpu::upload::ResidentVolumes;
-use crate::pass::raycast::{FrameUniform, RaycastObject, RaycastPass, ShaderPatch};
+use crate::pass::parts::PartLists;
+use crate::pass::raycast::{FrameUniform, Picture, RaycastObject, RaycastPass, ShaderPatch};
 use crate::progress::Progress;
 use crate::scene::{Background, Borders, Object, Scene};
 
@@ -148,13 +149,19 @@ impl Renderer {
                     ));
                 }
                 let borders = scene.quality.borders;
-                let regions = self.resident_regions(object, borders, progress)?;
-                let prepared =
-                    self.raycast.prepare(&self.context, scene, object, &resident, regions.as_ref(), options.skip_empty);
+                let parts = PartLists::new(object, &scene.camera, size);
+                // Rows of transfer functions and bodies have looks, which a list of no regions has room for as well.
+                let needs_looks = object.has_rows() || parts.as_ref().is_some_and(|parts| parts.side_by_side);
+                let regions = self.resident_regions(object, borders, needs_looks, progress)?;
+                let picture = Picture { parts: parts.as_ref(), skip_empty: options.skip_empty };
+                let prepared = self.raycast.prepare(&self.context, scene, object, &resident, regions.as_ref(), picture);
                 self.regions[borders as usize] = regions;
                 let prepared = prepared?;
                 report.pipeline = prepared.key.to_string();
-                if object.shows_nothing() {
+                let parts = &object.parts.list;
+                if !parts.is_empty() && parts.iter().all(|part| part.hidden) {
+                    report.warnings.push(format!("the picture is empty: all {} parts are hidden", parts.len()));
+                } else if object.shows_nothing() {
                     let (low, high) = object.data_range();
                     let nodes = &object.transfer_function.nodes;
                     report.warnings.push(format!(
@@ -220,15 +227,15 @@ impl Renderer {
         Ok(FloatImage { width, height, pixels })
     }
 
-    /// The object's regions as they are on the adapter, brought up to date; none if it has none.
+    /// The object's regions as they are on the adapter, brought up to date; none if it has none and needs no looks.
     fn resident_regions(
         &mut self,
         object: &Object,
         borders: Borders,
+        needs_looks: bool,
         progress: &Progress,
     ) -> Result<Option<ResidentRegions>> {
-        // Rows of transfer functions are looks, which a list of no regions has room for as well.
-        if object.regions.is_empty() && !object.has_rows() {
+        if object.regions.is_empty() && !needs_looks {
             self.regions = Default::default();
             return Ok(None);
         }

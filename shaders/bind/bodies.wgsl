@@ -12,12 +12,13 @@ struct Body {
     voxels: f32,
     // Columns take a world direction (mm) to that index space.
     index_from_world_x: vec3f,
-    // 0: the rest; 1: a ghost of the next body; 2: moved.
+    // 0: the rest; 1: a ghost of the next body; 2: moved; 3: a part of the rest that was moved.
     role: u32,
     index_from_world_y: vec3f,
-    pad0: u32,
+    // Of a part: its walls, three texels each of `parts`.
+    first_wall: u32,
     index_from_world_z: vec3f,
-    pad1: u32,
+    num_walls: u32,
     // Columns take a normal of the volume at rest to the body's, but for its length.
     normal_x: vec3f,
     pad2: u32,
@@ -44,7 +45,7 @@ struct Body {
 }
 
 struct Bodies {
-    list: array<Body, 16>,
+    list: array<Body, 144>,
     count: u32,
     // What is shorter than that, in mm along a ray, is no stretch of it.
     tiny_mm: f32,

@@ -11,8 +11,19 @@ fn face_normal(p: vec3f, pose: Pose) -> vec4f {
     let outward = select(weight, -weight, to_low < to_high);
     let at_rest = object.face_x * outward.x + object.face_y * outward.y + object.face_z * outward.z;
     let world = turned(at_rest, pose);
+#if parts
+    let of_volume = vec4f(world / max(length(world), 1e-30), max(weight.x, max(weight.y, weight.z)));
+    return joined_faces(joined_faces(of_volume, wall_face(p, pose.enter)), wall_face(p, pose.leave));
+}
+
+// The same of a wall that cuts a part off.
+fn wall_face(p: vec3f, wall: Wall) -> vec4f {
+    return vec4f(wall.outward, 1.0 - smoothstep(0.5, 1.0, dot(wall.plane.xyz, p) + wall.plane.w));
+}
+#else
     return vec4f(world / max(length(world), 1e-30), max(weight.x, max(weight.y, weight.z)));
 }
+#end
 
 // Two faces at one place (xyz: normal, w: weight): their normals by their weights, so that nothing jumps where one begins.
 fn joined_faces(a: vec4f, b: vec4f) -> vec4f {

@@ -45,7 +45,7 @@ fn nothing_meets() -> Meeting {
 // Bodies come in their order: a ghost right before the body whose it is.
 fn joined_by(met: Meeting, body: u32, shown: Shown) -> Meeting {
     var after = met;
-    let is_moved = bodies.list[body].role == 2u;
+    let is_moved = bodies.list[body].role >= 2u;
     let premultiplied = shown.alpha * vec4f(shown.color, 1.0);
     after.rest += select(premultiplied, vec4f(0.0), is_moved);
     after.moved += select(vec4f(0.0), premultiplied, is_moved);

@@ -1,7 +1,12 @@
 // How bodies lie in the world, and which looks they show (docs/rendering.md §9).
 #import bind/bodies
+#import lib/ray
 #if patterns
 #import bind/patterns
+#end
+#if parts
+#import lib/part
+#import lib/wall
 #end
 
 // What a body has of its own where it is looked at: read once, as a software adapter reads uniforms number by number where their
@@ -13,21 +18,33 @@ struct Pose {
     first_look: u32,
     first_cut_look: u32,
     is_rest: bool,
+#if parts
+    enter: Wall,
+    leave: Wall,
+#end
 #if patterns
     // Takes a direction in the world (mm) to index space.
     to_index: mat3x3f,
 #end
 }
 
-fn pose_of(body: u32) -> Pose {
-    return Pose(mat3x3f(bodies.list[body].normal_x, bodies.list[body].normal_y, bodies.list[body].normal_z),
-        bodies.list[body].voxels, bodies.list[body].first_look, bodies.list[body].first_cut_look,
-#if patterns
-        bodies.list[body].role == 0u, mat3x3f(bodies.list[body].index_from_world_x,
-            bodies.list[body].index_from_world_y, bodies.list[body].index_from_world_z));
-#else
-        bodies.list[body].role == 0u);
+fn pose_of(body: u32, ray: Ray) -> Pose {
+    var pose: Pose;
+    pose.normal = mat3x3f(bodies.list[body].normal_x, bodies.list[body].normal_y, bodies.list[body].normal_z);
+    pose.voxels = bodies.list[body].voxels;
+    pose.first_look = bodies.list[body].first_look;
+    pose.first_cut_look = bodies.list[body].first_cut_look;
+    pose.is_rest = bodies.list[body].role == 0u || bodies.list[body].role == 3u;
+#if parts
+    let walls = between_walls(bodies.list[body].first_wall, bodies.list[body].num_walls, ray);
+    pose.enter = walls.enter;
+    pose.leave = walls.leave;
 #end
+#if patterns
+    pose.to_index = mat3x3f(bodies.list[body].index_from_world_x, bodies.list[body].index_from_world_y,
+        bodies.list[body].index_from_world_z);
+#end
+    return pose;
 }
 
 // A normal or gradient of the volume at rest, with its length, in a body.

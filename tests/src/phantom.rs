@@ -119,6 +119,7 @@ pub fn scene(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality)
             lighting: None,
             gradient_scale_mm: volume.grid.spacing_mm().min_element(),
             distances: Vec::new(),
+            parts: Default::default(),
         }],
         styles,
         camera: camera(volume, DVec3::new(0.3, 1.0, 0.2), Projection::Perspective { fov_y_deg: 20.0 }),

@@ -13,6 +13,7 @@ mod labels;
 mod lighting;
 mod moved;
 mod orientation;
+mod parts;
 mod patterns;
 mod pipelines;
 mod raycast;

@@ -21,6 +21,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "bind/functions",
     "bind/lighting",
     "bind/object",
+    "bind/parts",
     "bind/patterns",
     "bind/regions",
     "bind/rows",
@@ -28,6 +29,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "bind/validity",
     "lib/bodies_few",
     "lib/bodies_many",
+    "lib/bodies_most",
     "lib/composite",
     "lib/contour",
     "lib/cut_face",
@@ -40,13 +42,15 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/gradient",
     "lib/gradient_color",
     "lib/label",
+    "lib/looks",
     "lib/meeting",
     "lib/modulated",
     "lib/nodes",
     "lib/opacity",
-    "lib/parts",
+    "lib/part",
     "lib/pattern",
     "lib/pose_moved",
+    "lib/pose_part",
     "lib/pose_rest",
     "lib/principal",
     "lib/ray",
@@ -71,6 +75,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/tint",
     "lib/transfer_function",
     "lib/validity_all",
+    "lib/wall",
     "raycast",
     "raycast_bodies",
 ];
@@ -98,12 +103,14 @@ pub struct RaycastKey {
     pub rows: bool,
     /// Some regions are more opaque than others, so that where they end there is a face; never without `regions`.
     pub cuts: bool,
-    /// Some regions were moved, so that there are several bodies; never without `regions`, and always with `cuts`.
+    /// Some regions were moved, or parts overlap, so that there are several bodies; never without `regions`, and always with `cuts`.
     pub bodies: bool,
     /// More than [`FEW_BODIES`]; never without `bodies`.
     pub many_bodies: bool,
     /// There are intersection transfer functions; never without `bodies`.
     pub meetings: bool,
+    /// The object is cut into parts; with `bodies` where some of these overlap, or something else was moved as well.
+    pub parts: bool,
     /// Contours are drawn.
     pub contours: bool,
     /// Opacity is modulated as in eq. 3.2.
@@ -136,6 +143,7 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.bodies { " bodies" } else { "" })?;
         f.write_str(if self.many_bodies { " many" } else { "" })?;
         f.write_str(if self.meetings { " meetings" } else { "" })?;
+        f.write_str(if self.parts { " parts" } else { "" })?;
         f.write_str(if self.contours { " contours" } else { "" })?;
         f.write_str(if self.transparency { " transparency" } else { "" })?;
         f.write_str(if self.lit { " lit" } else { "" })?;
@@ -148,7 +156,7 @@ impl std::fmt::Display for RaycastKey {
 impl RaycastKey {
     /// Keys for tests: every combination of what there is, but contours, transparency, lights and patterns, which are there one at a
     /// time or all together, where the adapter filters and all voxels have data; with labels all or none; with rows where the adapter
-    /// filters, all voxels have data, and contours and lights are both there or not.
+    /// filters, all voxels have data, and contours and lights are both there or not; with parts likewise.
     pub fn all() -> impl Iterator<Item = Self> {
         // Each of these with regions by memberships, then by labels.
         // No regions; regions with one function and several; the same with faces; with bodies; with meetings; with many bodies and
@@ -175,6 +183,7 @@ impl RaycastKey {
             bodies: n >= 5 * 48,
             many_bodies: n >= 9 * 48,
             meetings: (7 * 48..9 * 48).contains(&n) || n >= 11 * 48,
+            parts: false,
         });
         let all = all.filter(|key| key.resumed || !key.bodies);
         let with_labels =
@@ -184,10 +193,19 @@ impl RaycastKey {
             std::iter::once(key).chain(labeled)
         });
         let with_rows = |key: &Self| key.functions && key.filtered && !key.no_data && key.contours == key.lit;
-        all.flat_map(move |key| {
+        let all = all.flat_map(move |key| {
             let rowed = Some(Self { rows: true, ..key }).filter(|key| with_rows(key) && key.table_filtered);
             std::iter::once(key).chain(rowed)
-        })
+        });
+        let with_parts = |key: &Self| {
+            !key.bodies
+                && key.filtered
+                && key.table_filtered
+                && !key.no_data
+                && key.contours == key.lit
+                && key.lit == key.patterns
+        };
+        all.flat_map(move |key| std::iter::once(key).chain(Some(Self { parts: true, ..key }).filter(with_parts)))
     }
 
     /// The WGSL text for this key.
@@ -205,7 +223,9 @@ impl RaycastKey {
             "seen" if self.functions => Some("lib/seen_regions"),
             "seen" => Some(if self.regions { "lib/seen_tints" } else { "lib/seen_one" }),
             "shade" => Some(if self.lit { "lib/shade_lit" } else { "lib/shade_style" }),
-            "pose" => Some(if self.bodies { "lib/pose_moved" } else { "lib/pose_rest" }),
+            "pose" if self.bodies => Some("lib/pose_moved"),
+            "pose" => Some(if self.parts { "lib/pose_part" } else { "lib/pose_rest" }),
+            "bodies" if self.parts && self.many_bodies => Some("lib/bodies_most"),
             "bodies" => Some(if self.many_bodies { "lib/bodies_many" } else { "lib/bodies_few" }),
             "resume" => Some(if self.resumed { "bind/resume" } else { "lib/resume_none" }),
             _ => None,
@@ -221,6 +241,8 @@ impl RaycastKey {
             "rows" => Some(self.rows),
             "cuts" => Some(self.cuts),
             "meetings" => Some(self.meetings),
+            "parts" => Some(self.parts),
+            "bodies" => Some(self.bodies),
             "contours" => Some(self.contours),
             "transparency" => Some(self.transparency),
             "lit" => Some(self.lit),

@@ -2,6 +2,7 @@
 
 pub mod bodies;
 mod distances;
+pub mod parts;
 pub mod patterns;
 pub mod places;
 pub mod raycast;

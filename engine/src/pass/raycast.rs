@@ -7,8 +7,9 @@ use std::sync::{Arc, Weak};
 use glam::DVec3;
 use wgpu::util::DeviceExt as _;
 
-use super::bodies::{bodies_uniform, bounding_sphere, most_pieces, strengths};
+use super::bodies::{Lying, bodies_uniform, corners_mm, most_pieces, pieces_and_spacing, sphere_around, strengths};
 use super::distances::Distances;
+use super::parts::PartLists;
 use super::patterns::BoundPatterns;
 use super::regions::{Made, RegionLooks};
 use super::transfer_table::{TABLE_SIZE, TransferTable};
@@ -221,6 +222,15 @@ impl FrameUniform {
     }
 }
 
+/// What an object is prepared for.
+#[derive(Clone, Copy, Debug)]
+pub struct Picture<'a> {
+    /// The object's parts as it shows them; none of an object that is whole.
+    pub parts: Option<&'a PartLists>,
+    /// Whether the march leaps over empty bricks: otherwise every brick counts as occupied, for tests and measurements.
+    pub skip_empty: bool,
+}
+
 /// An object ready to be drawn.
 #[derive(Debug)]
 pub struct RaycastObject {
@@ -361,8 +371,7 @@ impl RaycastPass {
         }
     }
 
-    /// Binds an object of the scene: its volume, table, skip map and styles. `skip_empty` = false leaves the skip
-    /// map out of the march (every brick counts as occupied): for tests and measurements.
+    /// Binds an object of the scene for a picture: its volume, table, skip map and styles.
     ///
     /// # Errors
     /// [`Error::Gpu`] where the adapter refuses the shader or a resource.
@@ -373,8 +382,9 @@ impl RaycastPass {
         object: &Object,
         resident: &ResidentVolume,
         regions: Option<&ResidentRegions>,
-        skip_empty: bool,
+        picture: Picture<'_>,
     ) -> Result<RaycastObject> {
+        let Picture { parts, skip_empty } = picture;
         let key = RaycastKey {
             filtered: resident.filtered,
             table_filtered: context.formats.r32_filterable,
@@ -389,6 +399,7 @@ impl RaycastPass {
             bodies: false,
             many_bodies: false,
             meetings: false,
+            parts: false,
             contours: object.has_contours(),
             transparency: object.has_illustrative_transparency(),
             lit: object.lighting.is_some(),
@@ -400,11 +411,15 @@ impl RaycastPass {
         let volume = &object.volume;
         let grid = volume.grid;
         let leaps = skip_empty && scene.quality.step_voxels <= MAX_SKIP_STEP;
-        let near = NearPlane::new(&scene.camera, bounding_sphere(object));
+        let sphere = parts.map_or_else(
+            || sphere_around(&object.bodies().iter().flat_map(|body| corners_mm(object, body)).collect::<Vec<_>>()),
+            |parts| parts.sphere,
+        );
+        let near = NearPlane::new(&scene.camera, sphere);
         let labels = regions.is_some_and(|regions| regions.borders() == Borders::TwoLookUps);
         let bound = match regions {
             None => self.bind_look(context, scene, object, resident, leaps),
-            Some(regions) => self.bind_regions(context, scene, object, resident, regions, &near, leaps)?,
+            Some(regions) => self.bind_regions(context, scene, object, resident, regions, &near, (parts, leaps))?,
         };
         let key = match &bound.shared {
             None => key,
@@ -421,6 +436,11 @@ impl RaycastPass {
                 ..key
             },
         };
+        let part_lists = match parts {
+            None => None,
+            Some(parts) => Some(parts.upload(context, object, &scene.camera, &near)?),
+        };
+        let key = RaycastKey { parts: parts.is_some(), ..key };
         let uniform = uniform_buffer(context, "object", bytemuck::bytes_of(&bound.uniform));
         let styles = self.style_array(context, &scene.styles)?;
         let filter = if key.filtered { wgpu::FilterMode::Linear } else { wgpu::FilterMode::Nearest };
@@ -437,7 +457,15 @@ impl RaycastPass {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
-        let num_pieces = most_pieces(object, scene.quality.step_voxels);
+        let step_voxels = scene.quality.step_voxels;
+        let num_pieces = match parts {
+            Some(parts) => parts.most_pieces(object, step_voxels),
+            None => {
+                let bodies = object.bodies();
+                let sizes: Vec<_> = bodies.iter().map(|body| pieces_and_spacing(object, body, step_voxels)).collect();
+                most_pieces(&sizes)
+            }
+        };
         let num_units = u64::from(num_pieces) * u64::from(bound.units_per_piece);
         let num_passes = num_units.div_ceil(u64::from(bound.units_per_pass)) as u32;
         if num_passes > 1 {
@@ -483,6 +511,7 @@ impl RaycastPass {
             entries.push(wgpu::BindGroupEntry { binding: 23, resource: patterns.uniform.as_entire_binding() });
             entries.push(texture_entry(24, &patterns.table));
         }
+        entries.extend(part_lists.as_ref().map(|view| texture_entry(27, view)));
         let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("object"),
             layout: &pipeline.object_layout,
@@ -532,7 +561,7 @@ impl RaycastPass {
         resident: &ResidentVolume,
         regions: &ResidentRegions,
         near: &NearPlane,
-        leaps: bool,
+        (parts, leaps): (Option<&PartLists>, bool),
     ) -> Result<Bound> {
         let lengths_mm = in_steps(usual_length_mm(scene, object));
         let known = self.region_looks.iter().position(|looks| looks.is_of(object, regions, lengths_mm, leaps));
@@ -554,11 +583,15 @@ impl RaycastPass {
         let functions = looks.functions().map(|(uniform, may_show)| {
             (uniform_buffer(context, "functions", bytemuck::bytes_of(&uniform)), may_show.clone())
         });
-        let has_moved = object.regions.iter().any(|region| region.moved().is_some());
+        let has_moved = match parts {
+            Some(parts) => parts.side_by_side,
+            None => object.regions.iter().any(|region| region.moved().is_some()),
+        };
         let bodies = has_moved.then(|| {
-            let uniform = bodies_uniform(object, resident, &scene.camera, near, looks.sections());
+            let uniform =
+                bodies_uniform(&Lying { object, resident, camera: &scene.camera, near, parts }, looks.sections());
             MovedBodies {
-                count: object.bodies().len(),
+                count: parts.map_or_else(|| object.bodies().len(), PartLists::most_bodies),
                 uniform: uniform_buffer(context, "bodies", bytemuck::bytes_of(&uniform)),
                 strengths: strengths(context, object),
             }
@@ -924,6 +957,9 @@ fn make_pipeline(
             let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
             entries.push(entry(23, uniform_binding()));
             entries.push(entry(24, texture_binding(unfilterable, wgpu::TextureViewDimension::D2)));
+        }
+        if key.parts {
+            entries.push(entry(27, texture_binding(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)));
         }
         if key.bodies {
             entries.push(entry(18, uniform_binding()));

@@ -31,6 +31,30 @@ pub struct PreparedBody<'a> {
     pub looks: Vec<Look<'a>>,
     /// The same, but that what rests with it counts as shown: where faces are.
     pub cut_looks: Vec<Look<'a>>,
+    /// Whether it lies elsewhere than it was found.
+    pub is_moved: bool,
+    /// The planes behind which it is, as they lie, and whether something shows where they cut.
+    pub walls: Vec<Wall>,
+}
+
+/// A plane that cuts a body off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wall {
+    /// Unit outward normal in the world.
+    pub normal: DVec3,
+    /// A point on it.
+    pub point_mm: DVec3,
+    /// Whether it is a face that is seen.
+    pub open: bool,
+}
+
+/// Where a ray enters or leaves a body through a wall.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crossing {
+    /// mm along the ray.
+    pub t: f64,
+    /// Position of the wall.
+    pub wall: usize,
 }
 
 /// The bodies of an object.
@@ -64,9 +88,31 @@ pub fn prepare_bodies(object: &Object) -> Vec<PreparedBody<'_>> {
             looks: looks(body.role == Role::Rest, is_rest, &own),
             cut_looks: if is_rest { looks(true, true, &|_| true) } else { looks(false, false, &own) },
             role: body.role,
+            is_moved: matches!(body.role, Role::Moved(_)),
+            walls: Vec::new(),
         });
     }
-    prepared
+    let Some(cells) = object.parts.cells(grid) else { return prepared };
+    // What rests is there once for each cell.
+    let whole = prepared.remove(0);
+    let parts = cells.iter().map(|cell| {
+        let rest = cell.pose.inverse();
+        let facets = cell.bounds.facets.iter().zip(&cell.open).filter(|(facet, _)| facet.cut.is_some());
+        let walls = facets.map(|(facet, open)| Wall {
+            normal: (rest.matrix3.transpose() * facet.plane.normal).normalize(),
+            point_mm: cell.pose.transform_point3(facet.corners[0]),
+            open: *open,
+        });
+        PreparedBody {
+            index_from_world: grid.index_from_world() * rest,
+            normal: rest.matrix3.transpose(),
+            spacing_mm: smallest_spacing_mm(grid, &rest),
+            is_moved: cell.pose != DAffine3::IDENTITY,
+            walls: walls.collect(),
+            ..whole.clone()
+        }
+    });
+    parts.chain(prepared).collect()
 }
 
 fn smallest_spacing_mm(grid: &Grid, rest: &DAffine3) -> f64 {
@@ -92,7 +138,31 @@ impl PreparedBody<'_> {
 
     fn span(&self, ray: &Ray) -> Option<(f64, f64)> {
         let origin = self.index_from_world.transform_point3(ray.origin_mm);
-        intersect_box(origin, self.index_from_world.matrix3 * ray.direction, ray.t_min, self.low, self.high)
+        let (t0, t1) =
+            intersect_box(origin, self.index_from_world.matrix3 * ray.direction, ray.t_min, self.low, self.high)?;
+        let [enters, leaves] = self.crossings(ray)?;
+        let span = (enters.map_or(t0, |c| t0.max(c.t)), leaves.map_or(t1, |c| t1.min(c.t)));
+        (span.0 < span.1).then_some(span)
+    }
+
+    /// Where the ray is last to come behind a wall, and first to come in front of one; none if it is never behind all.
+    pub fn crossings(&self, ray: &Ray) -> Option<[Option<Crossing>; 2]> {
+        let mut found: [Option<Crossing>; 2] = [None; 2];
+        for (wall, Wall { normal, point_mm, .. }) in self.walls.iter().enumerate() {
+            let (height, rise) = (normal.dot(ray.origin_mm - *point_mm), normal.dot(ray.direction));
+            if rise == 0.0 {
+                if height > 0.0 {
+                    return None;
+                }
+                continue;
+            }
+            let t = -height / rise;
+            let leaves = usize::from(rise > 0.0);
+            if found[leaves].is_none_or(|known| (t > known.t) == (leaves == 0)) {
+                found[leaves] = Some(Crossing { t, wall });
+            }
+        }
+        Some(found)
     }
 }
 
@@ -140,7 +210,7 @@ pub struct Shown {
 pub fn combine(bodies: &[PreparedBody<'_>], shown: &[Shown]) -> (DVec3, f64) {
     // The sets that are combined: color, membership, and whether it is one of those that share out the place at rest.
     let mut sets: Vec<(DVec3, f64, bool)> =
-        shown.iter().map(|s| (s.color, s.alpha, !matches!(bodies[s.body].role, Role::Moved(_)))).collect();
+        shown.iter().map(|s| (s.color, s.alpha, !bodies[s.body].is_moved)).collect();
     let mut strongest: Option<usize> = None;
     for (i, set) in sets.iter().enumerate() {
         if !set.2 && strongest.is_none_or(|s| set.1 > sets[s].1) {

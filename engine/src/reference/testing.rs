@@ -69,6 +69,7 @@ pub(crate) fn scene(
             lighting: None,
             gradient_scale_mm: 0.0,
             distances: Vec::new(),
+            parts: Default::default(),
         }],
         styles: styles.into_iter().map(Arc::new).collect(),
         camera,

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec2, DVec3, DVec4};
 
-use super::bodies::{Interval, PreparedBody, Shown, combine, intervals};
+use super::bodies::{Crossing, Interval, PreparedBody, Shown, combine, intervals};
 use super::color::{Jacobian, luminance};
 use super::contour::{coverage, curvature, extent, modulated, pushed};
 use super::label::Labels;
@@ -13,7 +13,7 @@ use super::opacity::opacity_correct;
 use super::pattern::{Sheet, drawn};
 use super::piece::{Piece, classify_piece};
 use super::ray::{Ray, Samples};
-use super::region::{Look, cut_face, joined, shares, where_flat};
+use super::region::{Look, cut_face, joined, shares, smoothstep, where_flat};
 use super::sample::{Lattice, gradient_at, sample_volume, trilinear};
 use super::style::{
     Classification, Face, RayFrame, at_node, bend, classify, face_normal, facing, pixel_mm, ray_frame, shade,
@@ -146,6 +146,8 @@ struct Line<'a> {
     frame: RayFrame,
     origin: DVec3,
     direction: DVec3,
+    /// Outward normals of the walls through which the ray comes in and goes out, if these are seen, and where, mm.
+    walls: [Option<(DVec3, f64)>; 2],
     /// Where borders are found by two look-ups.
     labels: Option<&'a Labels>,
 }
@@ -158,12 +160,17 @@ impl<'a> Line<'a> {
         image_height: u32,
         ray: &'a Ray,
     ) -> Self {
+        let crossings = body.crossings(ray).unwrap_or_default();
+        let wall = |crossing: Option<Crossing>| {
+            crossing.map(|c| (body.walls[c.wall], c.t)).filter(|(wall, _)| wall.open).map(|(wall, t)| (wall.normal, t))
+        };
         Self {
             object,
             body,
             camera,
             image_height,
             ray,
+            walls: crossings.map(wall),
             frame: ray_frame(camera, ray.direction),
             origin: body.index_from_world.transform_point3(ray.origin_mm),
             direction: body.index_from_world.matrix3 * ray.direction,
@@ -194,9 +201,15 @@ impl<'a> Line<'a> {
         sample_volume(&self.object.data, self.at(t))
     }
 
-    /// The face of the volume near `t`, as the body lies.
+    /// The face of the volume, or of the part of it, near `t`, as the body lies.
     fn face(&self, t: f64) -> Face {
-        self.body.turned_face(face_normal(&self.object.grid, self.at(t)))
+        let of_volume = self.body.turned_face(face_normal(&self.object.grid, self.at(t)));
+        // A wall counts as a face of the volume does: fully up to half a voxel behind it, and not from a voxel on.
+        let of_wall = |(normal, at): &(DVec3, f64)| {
+            let behind = (t - at).abs() * normal.dot(self.ray.direction).abs() / self.body.spacing_mm;
+            Face { normal: *normal, weight: 1.0 - smoothstep(0.5, 1.0, behind) }
+        };
+        self.walls.iter().flatten().map(of_wall).fold(of_volume, joined)
     }
 
     /// ĝ of a slope, as the body lies.

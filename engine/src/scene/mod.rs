@@ -5,6 +5,7 @@ pub mod across;
 pub mod camera;
 pub mod lighting;
 pub mod moved;
+pub mod parts;
 pub mod quality;
 pub mod region;
 pub mod transfer_function;
@@ -17,6 +18,7 @@ pub use across::{Across, Axis, Row};
 pub use camera::{Camera, Projection};
 pub use lighting::{Light, LightFrame, Lighting, LightingMap, LightingTable};
 pub use moved::{Body, Meeting, Meetings, Moved, Role};
+pub use parts::{Cell, Cut, Part, Parts, Plane};
 pub use quality::{Borders, Quality};
 pub use region::{Look, Region};
 pub use transfer_function::{Contours, StyleTransferFunction, TransferFunctionNode};
@@ -61,6 +63,8 @@ pub struct Object {
     pub gradient_scale_mm: f64,
     /// Distances to surfaces that transfer functions go by, at most [`MAX_DISTANCES`].
     pub distances: Vec<Arc<DistanceField>>,
+    /// What it is cut into.
+    pub parts: Parts,
 }
 
 /// Most fields of distances of an object: the channels of a texture.
@@ -226,6 +230,7 @@ impl Scene {
                 function.validate(self.styles.len(), object.distances.len())?;
             }
             region::validate(object)?;
+            parts::validate(object)?;
             object.lighting.as_ref().map_or(Ok(()), Lighting::validate)?;
             let diagonal = DVec3::from_array(object.volume.grid.dims().map(|n| n as f64)).length();
             let samples = diagonal / self.quality.step_voxels * f64::from(quality::PARTS);

@@ -164,25 +164,30 @@ impl<'a> Body<'a> {
 /// The smallest and largest factors of length that a pose may have.
 const SCALES: (f64, f64) = (1e-3, 1e3);
 
+/// Refuses poses that nothing can be drawn in. `what`: what has it, as a sentence names it; `kind`: as advice does.
+pub(super) fn check_pose(pose: &DAffine3, what: &str, kind: &str) -> Result<()> {
+    let m = pose.matrix3;
+    if !(m.is_finite() && pose.translation.is_finite()) {
+        return Err(Error::scene(format!("{what} is moved by something that is no number"), "move it back and again"));
+    }
+    // The lengths that unit vectors get: Frobenius norms bound the largest, and 1/the smallest.
+    let norm = |m: glam::DMat3| m.to_cols_array().iter().map(|v| v * v).sum::<f64>().sqrt();
+    let (most, least) = (norm(m), 1.0 / norm(m.inverse()));
+    if !(least >= 0.5 * SCALES.0 && most <= 2.0 * SCALES.1) {
+        return Err(Error::scene(
+            format!("{what} is scaled by a factor of {:.3e}", if least < SCALES.0 { least } else { most }),
+            format!("choose one from 0.001 to 1000, or hide {kind}"),
+        ));
+    }
+    Ok(())
+}
+
 pub(super) fn validate(object: &Object) -> Result<()> {
     for region in &object.regions {
         let Some(moved) = &region.moved else { continue };
-        let pose = &moved.pose;
-        let m = pose.matrix3;
+        check_pose(&moved.pose, &format!("the region \"{}\"", region.name), "the region")?;
         let fail =
             |what: String, remedy: &str| Err(Error::scene(format!("the region \"{}\" {what}", region.name), remedy));
-        if !(m.is_finite() && pose.translation.is_finite()) {
-            return fail("is moved by something that is no number".to_owned(), "move it back and again");
-        }
-        // The lengths that unit vectors get: Frobenius norms bound the largest, and 1/the smallest.
-        let norm = |m: glam::DMat3| m.to_cols_array().iter().map(|v| v * v).sum::<f64>().sqrt();
-        let (most, least) = (norm(m), 1.0 / norm(m.inverse()));
-        if !(least >= 0.5 * SCALES.0 && most <= 2.0 * SCALES.1) {
-            return fail(
-                format!("is scaled by a factor of {:.3e}", if least < SCALES.0 { least } else { most }),
-                "choose one from 0.001 to 1000, or hide the region",
-            );
-        }
         let strengths = [&moved.meetings.ghost, &moved.meetings.background];
         if strengths.into_iter().flatten().any(|m| m.color.iter().any(|c| !(0.0..=1.0).contains(c))) {
             return fail("meets others in a color that is none".to_owned(), "choose colors from 0 to 1");

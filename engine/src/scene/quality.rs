@@ -44,7 +44,7 @@ pub const fn rounds_per_look(is_lit: bool, has_patterns: bool) -> u32 {
     1 + if is_lit || has_patterns { MAX_LIGHTS as u32 } else { 0 } + if has_patterns { 4 + 2 * (1 + 4 + 2) } else { 0 }
 }
 
-/// Rounds that a piece takes at most with one look a part (`ROUNDS_PER_PIECE` of `shaders/lib/parts.wgsl`), each of which takes
+/// Rounds that a piece takes at most with one look a part (`ROUNDS_PER_PIECE` of `shaders/lib/looks.wgsl`), each of which takes
 /// `per_look`.
 pub const fn rounds_per_piece(per_look: u32) -> u32 {
     7 + (1 + per_look) * PARTS

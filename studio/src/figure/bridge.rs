@@ -7,9 +7,10 @@ use anyhow::{Context as _, Result, bail};
 use fabrica_engine::Progress;
 use fabrica_engine::color::linear_from_srgb8;
 use fabrica_engine::scene::across::Between;
+use fabrica_engine::scene::parts::Polyhedron;
 use fabrica_engine::scene::{
-    self, Across, Axis, Camera, Contours, Look, Meeting, Meetings, Moved, Object, Projection, Quality, Region, Row,
-    Scene, StyleTransferFunction, TransferFunctionNode,
+    self, Across, Axis, Camera, Contours, Cut, Look, Meeting, Meetings, Moved, Object, Part, Parts, Plane, Projection,
+    Quality, Region, Row, Scene, StyleTransferFunction, TransferFunctionNode,
 };
 use fabrica_engine::selection::{DistanceField, Selection, Structure};
 use fabrica_engine::spaces::Grid;
@@ -21,9 +22,9 @@ use glam::{DAffine3, DVec3};
 use super::sources::Sources;
 use super::style_settings::StyleSettings;
 use super::template::{
-    AxisName, Background, CameraTemplate, Domain, IMPORTANCE, LightingTemplate, LookTemplate, MeetingTemplate,
-    MoveTemplate, NodeTemplate, ObjectTemplate, ProjectionName, QualityName, Reference, RegionTemplate,
-    ShadingTemplate, Template, Tint, TransferFunctionTemplate, Transparency, is_called,
+    AxisName, Background, CameraTemplate, CutTemplate, Domain, IMPORTANCE, LightingTemplate, LookTemplate,
+    MeetingTemplate, MoveTemplate, NodeTemplate, ObjectTemplate, PartsTemplate, ProjectionName, QualityName, Reference,
+    RegionTemplate, ShadingTemplate, Template, Tint, TransferFunctionTemplate, Transparency, is_called,
 };
 use super::theme::{Theme, Wardrobe};
 
@@ -40,7 +41,8 @@ pub fn scene<'a>(
 ) -> Result<(Scene, Vec<String>)> {
     let wardrobe = wardrobe.into();
     let reference = reference(template, sources, progress)?;
-    let radius_mm = radius_mm(template, reference.as_ref());
+    let (center_mm, radius_mm) =
+        reference.as_ref().map_or((DVec3::ZERO, 1.0), |object| sphere(template.camera.relative_to, object));
     let mut notes = Vec::new();
     let theme = wardrobe.themes.of(template).unwrap_or_else(|unknown| {
         notes.push(format!("{unknown}; the figure is drawn without it"));
@@ -67,6 +69,7 @@ pub fn scene<'a>(
         };
         let mut made = making.object(object)?;
         made.distances = distances.iter().map(|(_, field)| field.clone()).collect();
+        made.parts = parts(&object.parts, &volume.grid, center_mm, radius_mm);
         for region in &object.regions {
             let slot = template.selections.iter().position(|s| s.name == region.selection);
             let structures = slot
@@ -155,6 +158,7 @@ pub fn reference(template: &Template, sources: &Sources, progress: &Progress) ->
         lighting: None,
         gradient_scale_mm,
         distances: Vec::new(),
+        parts: Parts::default(),
     }))
 }
 
@@ -213,6 +217,7 @@ impl Making<'_> {
                 .gradient_scale_mm
                 .unwrap_or_else(|| self.volume.grid.spacing_mm().min_element()),
             distances: Vec::new(),
+            parts: Parts::default(),
         })
     }
 
@@ -414,6 +419,29 @@ pub fn measured_from<'a>(
     }
     let groups = object.regions.iter().filter(|region| region.structure.is_none());
     groups.flat_map(drawn).filter(|s| is_called(&s.label, from)).take(1).map(voxels).collect()
+}
+
+/// What an object is cut into. `center_mm`, `radius_mm`: what lengths are relative to.
+fn parts(template: &PartsTemplate, grid: &Grid, center_mm: DVec3, radius_mm: f64) -> Parts {
+    let cut = |cut: &CutTemplate| {
+        let normal = DVec3::from_array(cut.normal).normalize_or_zero();
+        let at = center_mm + radius_mm * DVec3::from_array(cut.at);
+        Cut { part: cut.part.saturating_sub(1), plane: Plane { normal, offset: normal.dot(at) } }
+    };
+    let part = |i| {
+        let name = template.title(i);
+        Part { name, pose: DAffine3::IDENTITY, hidden: template.part(i).hidden }
+    };
+    let mut parts =
+        Parts { cuts: template.cuts.iter().map(cut).collect(), list: (0..template.count()).map(part).collect() };
+    let poses: Vec<DAffine3> = parts
+        .bounds(grid)
+        .iter()
+        .enumerate()
+        .map(|(i, bounds)| template.part(i).pose(bounds.as_ref().map_or(center_mm, Polyhedron::middle), radius_mm))
+        .collect();
+    parts.list.iter_mut().zip(poses).for_each(|(part, pose)| part.pose = pose);
+    parts
 }
 
 /// How a moved region looks where it meets others.

@@ -7,6 +7,7 @@ mod across;
 mod filter;
 mod lighting;
 mod moved;
+mod parts;
 mod region;
 mod shading;
 mod voxels;
@@ -26,6 +27,7 @@ pub use across::{AcrossTemplate, AxisName, RowTemplate};
 pub use filter::FilterTemplate;
 pub use lighting::{FixedTo, LightTemplate, LightingModel, LightingTemplate, MAX_BRIGHTNESS, MAX_SHININESS};
 pub use moved::{GHOST_OPACITY, MeetingStrength, MeetingTemplate, MoveTemplate, SCALES};
+pub use parts::{CutTemplate, PartTemplate, PartsTemplate};
 pub use region::{
     IMPORTANCE, LookTemplate, RegionTemplate, RestTemplate, SelectionSlot, StructureTemplate, Tint, is_called,
 };
@@ -194,6 +196,9 @@ pub struct ObjectTemplate {
     /// How what belongs to none of them is drawn.
     #[serde(default, skip_serializing_if = "RestTemplate::is_default")]
     pub rest: RestTemplate,
+    /// What it is cut into. Default: it is whole.
+    #[serde(default, skip_serializing_if = "PartsTemplate::is_default")]
+    pub parts: PartsTemplate,
     /// Standard deviation, in mm, of the Gaussian that smooths what gradients are taken from.
     /// Default: one voxel (the smallest spacing). 0: no smoothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -450,6 +455,7 @@ impl Template {
             object.transfer_function.check(&whose)?;
             object.shading.check(&whose)?;
             object.lighting.as_ref().map_or(Ok(()), |lighting| lighting.check(&whose))?;
+            object.parts.check(&whose)?;
         }
         region::check(self)?;
         if let Some(twice) =

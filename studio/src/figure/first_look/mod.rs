@@ -320,6 +320,7 @@ impl Look {
             volume: volume.to_owned(),
             regions: Vec::new(),
             rest: Default::default(),
+            parts: Default::default(),
             shading: Default::default(),
             lighting: None,
             transfer_function: TransferFunctionTemplate {

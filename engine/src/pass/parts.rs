@@ -1,0 +1,378 @@
+//! Parts as the shader reads them (docs/rendering.md §10): what their cells are, in which order rays meet them, and which of them the
+//! rays of a tile of the picture may meet at all.
+
+use glam::{DVec2, DVec3};
+
+use super::bodies::{self, pieces_and_spacing, smallest_spacing_mm, sphere_around};
+use super::raycast::{NearPlane, small_texture};
+use crate::error::{Error, Result};
+use crate::gpu::context::GpuContext;
+use crate::gpu::upload::extent;
+use crate::scene::parts::{Facet, Polyhedron};
+use crate::scene::{Camera, Cell, Object, Plane, Projection};
+
+/// Texels in a row, of a cell before its walls, and of a wall (`shaders/lib/part.wgsl`).
+const ROW: usize = 2048;
+const CELL_TEXELS: u32 = 9;
+const WALL_TEXELS: u32 = 3;
+/// Bodies that rays of a tile may meet where they walk through several side by side (`shaders/lib/bodies_most.wgsl`).
+const MAX_SIDE_BY_SIDE: usize = 32;
+/// What a cell takes of a pass beside its pieces, in pieces (`UNITS_PER_CELL` there).
+const UNITS_PER_CELL: u32 = 8;
+/// Pixels along the edge of a tile, and tiles along that of a picture, at most.
+const TILE: u32 = 16;
+const MAX_TILES: u32 = 256;
+
+/// The parts of an object as a picture shows them.
+#[derive(Debug)]
+pub struct PartLists {
+    /// What is drawn of them.
+    pub cells: Vec<Cell>,
+    /// Whether rays walk through several bodies side by side: cells overlap, or lie around one another so that none of them is first, or
+    /// regions were moved as well.
+    pub side_by_side: bool,
+    /// The sphere around all that is drawn: center in the world and radius, mm.
+    pub sphere: (DVec3, f64),
+    /// Pixels along the edge of a tile, and tiles along those of the picture.
+    edge: u32,
+    tiles: [usize; 2],
+    /// Per tile, what rays may meet there, front to back unless it is side by side: cells and, behind the last of these, other bodies.
+    lists: Vec<Vec<usize>>,
+}
+
+/// A picture that rays are for.
+struct View<'a> {
+    camera: &'a Camera,
+    size: [u32; 2],
+}
+
+impl View<'_> {
+    /// On which side of a plane what is nearer to the eye lies: above 0 in front of the plane, 0 where no ray crosses it.
+    fn side(&self, plane: &Plane) -> f64 {
+        match self.camera.projection {
+            Projection::Perspective { .. } => plane.height(self.camera.eye_mm),
+            Projection::Orthographic { .. } => -plane.normal.dot(self.camera.forward),
+        }
+    }
+
+    /// The outline of points in the world; none where one of them is not in front of the eye.
+    fn outline(&self, points: impl Iterator<Item = DVec3>) -> Option<Vec<DVec2>> {
+        let camera = self.camera;
+        let height = f64::from(self.size[1]);
+        let project = |p: DVec3| {
+            let from_eye = p - camera.eye_mm;
+            let depth = match camera.projection {
+                Projection::Perspective { .. } => from_eye.dot(camera.forward),
+                Projection::Orthographic { .. } => 1.0,
+            };
+            let half = camera.half_height() * depth;
+            (depth > 1e-6 * from_eye.length()).then(|| {
+                let screen = DVec2::new(from_eye.dot(camera.right), -from_eye.dot(camera.up)) / half;
+                0.5 * (screen * height + DVec2::new(f64::from(self.size[0]), height))
+            })
+        };
+        points.map(project).collect::<Option<Vec<_>>>().map(outline)
+    }
+}
+
+/// The convex outline of points, in their order around it.
+fn outline(mut points: Vec<DVec2>) -> Vec<DVec2> {
+    points.sort_by(|a, b| (a.x, a.y).partial_cmp(&(b.x, b.y)).unwrap_or(std::cmp::Ordering::Equal));
+    points.dedup();
+    let half = |points: &mut dyn Iterator<Item = DVec2>| {
+        let mut chain: Vec<DVec2> = Vec::new();
+        for p in points {
+            while let [.., a, b] = chain[..]
+                && (b - a).perp_dot(p - a) <= 0.0
+            {
+                chain.pop();
+            }
+            chain.push(p);
+        }
+        chain
+    };
+    let mut around = half(&mut points.iter().copied());
+    let back = half(&mut points.iter().rev().copied());
+    around.pop();
+    around.extend(back);
+    around.pop();
+    if around.is_empty() { points } else { around }
+}
+
+/// Pixels that rounding may put an outline off.
+const MARGIN: f64 = 0.01;
+
+/// Whether an outline has something of a box, in pixels.
+fn touches(outline: &[DVec2], low: DVec2, high: DVec2) -> bool {
+    let none = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    let (own_low, own_high) = outline.iter().fold(none, |(low, high), p| (low.min(*p), high.max(*p)));
+    if own_low.cmpgt(high + MARGIN).any() || own_high.cmplt(low - MARGIN).any() {
+        return false;
+    }
+    let corners = [low, DVec2::new(high.x, low.y), high, DVec2::new(low.x, high.y)];
+    let beyond = |a: DVec2, b: DVec2| {
+        let outward = -(b - a).perp();
+        corners.iter().all(|corner| outward.dot(*corner - a) > MARGIN * outward.length())
+    };
+    let sides = (0..outline.len()).map(|i| (outline[i], outline[(i + 1) % outline.len()]));
+    outline.len() < 3 || !sides.into_iter().any(|(a, b)| beyond(a, b))
+}
+
+/// How two cells lie to each other, for all rays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Order {
+    /// A ray that meets both meets this one first.
+    First,
+    Second,
+    /// No ray meets both.
+    Either,
+    /// They may have a place in common.
+    Overlap,
+}
+
+/// By the planes of both: a ray goes from the eye's side of a plane that separates them to the other. Where two such planes say
+/// different things, no ray meets both.
+fn order(a: &Polyhedron, b: &Polyhedron, view: &View<'_>, tiny: f64) -> Order {
+    let (mut is_apart, mut first, mut second) = (false, false, false);
+    for (own, other, swapped) in [(a, b, false), (b, a, true)] {
+        for facet in &own.facets {
+            if other.heights(&facet.plane).0 < -tiny {
+                continue;
+            }
+            is_apart = true;
+            let side = view.side(&facet.plane);
+            // In front of the plane is `other`.
+            let other_first = side > 0.0;
+            if side != 0.0 {
+                first |= other_first == swapped;
+                second |= other_first != swapped;
+            } else {
+                (first, second) = (true, true);
+            }
+        }
+    }
+    match (is_apart, first, second) {
+        (false, ..) => Order::Overlap,
+        (true, true, false) => Order::First,
+        (true, false, true) => Order::Second,
+        (true, ..) => Order::Either,
+    }
+}
+
+/// Positions of cells, so that each comes before those behind it. None where some overlap, or each of several is behind another.
+fn front_to_back(
+    hulls: &[Polyhedron],
+    outlines: &[Option<Vec<DVec2>>],
+    view: &View<'_>,
+    tiny: f64,
+) -> Option<Vec<usize>> {
+    let n = hulls.len();
+    let mut behind = vec![Vec::new(); n];
+    let mut waits_for = vec![0usize; n];
+    for a in 0..n {
+        for b in a + 1..n {
+            if let (Some(x), Some(y)) = (&outlines[a], &outlines[b])
+                && !boxes_touch(x, y)
+            {
+                continue;
+            }
+            let (near, far) = match order(&hulls[a], &hulls[b], view, tiny) {
+                Order::First => (a, b),
+                Order::Second => (b, a),
+                Order::Either => continue,
+                Order::Overlap => return None,
+            };
+            behind[near].push(far);
+            waits_for[far] += 1;
+        }
+    }
+    let mut sorted = Vec::with_capacity(n);
+    let mut ready: std::collections::BTreeSet<usize> = (0..n).filter(|i| waits_for[*i] == 0).collect();
+    while let Some(i) = ready.pop_first() {
+        sorted.push(i);
+        for far in &behind[i] {
+            waits_for[*far] -= 1;
+            if waits_for[*far] == 0 {
+                ready.insert(*far);
+            }
+        }
+    }
+    (sorted.len() == n).then_some(sorted)
+}
+
+fn boxes_touch(a: &[DVec2], b: &[DVec2]) -> bool {
+    let bounds = |points: &[DVec2]| {
+        let none = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        points.iter().fold(none, |(low, high), p| (low.min(*p), high.max(*p)))
+    };
+    let ((a_low, a_high), (b_low, b_high)) = (bounds(a), bounds(b));
+    a_low.cmple(b_high + MARGIN).all() && b_low.cmple(a_high + MARGIN).all()
+}
+
+/// The faces that cuts made, and whether they are seen.
+fn walls(cell: &Cell) -> impl Iterator<Item = (&Facet, bool)> {
+    cell.bounds.facets.iter().zip(cell.open.iter().copied()).filter(|(facet, _)| facet.cut.is_some())
+}
+
+/// The texels of a cell and its walls, as `shaders/lib/part.wgsl` reads them.
+fn texels(cell: &Cell, object: &Object, camera: &Camera, near: &NearPlane) -> Vec<[f32; 4]> {
+    let grid = &object.volume.grid;
+    let rest = cell.pose.inverse();
+    let index = grid.index_from_world() * rest;
+    let spacing = smallest_spacing_mm(grid, &cell.pose);
+    let (origin_mm, [dx, dy]) = near.plane(camera);
+    let (low, high) = grid.index_box();
+    // Scaled, so that f32 has the length of what a normal becomes.
+    let normal = rest.matrix3.transpose();
+    let normal = normal * (1.0 / normal.to_cols_array().into_iter().fold(f64::MIN_POSITIVE, |a, b| a.max(b.abs())));
+    let walls: Vec<_> = walls(cell).collect();
+    let texel = |v: DVec3, w: f64| v.extend(w).as_vec4().to_array();
+    let to_index = |v: DVec3| index.transform_vector3(v);
+    let mut texels = vec![
+        texel(index.transform_point3(origin_mm), grid.spacing_mm().min_element() / spacing),
+        texel(to_index(dx), walls.len() as f64),
+        texel(to_index(dy), 0.0),
+        texel(index.matrix3.x_axis, low.x),
+        texel(index.matrix3.y_axis, low.y),
+        texel(index.matrix3.z_axis, low.z),
+        texel(normal.x_axis, high.x),
+        texel(normal.y_axis, high.y),
+        texel(normal.z_axis, high.z),
+    ];
+    for (facet, open) in walls {
+        let outward = (rest.matrix3.transpose() * facet.plane.normal).normalize();
+        let plane = Plane { normal: outward, offset: outward.dot(cell.pose.transform_point3(facet.corners[0])) };
+        texels.push(texel(outward, plane.height(origin_mm)));
+        texels.push([outward.dot(dx) as f32, outward.dot(dy) as f32, f32::from(u8::from(open)), 0.0]);
+        // How far behind the plane an index position is, in voxels as they lie.
+        let world = index.inverse();
+        let to_plane = -world.matrix3.transpose() * outward / spacing;
+        texels.push(texel(to_plane, -plane.height(world.translation) / spacing));
+    }
+    texels
+}
+
+impl PartLists {
+    /// Of a picture of `size` pixels; none of an object that is whole, or cut and lies as it was.
+    pub fn new(object: &Object, camera: &Camera, size: [u32; 2]) -> Option<Self> {
+        let cells = object.parts.cells(&object.volume.grid)?;
+        let view = View { camera, size };
+        let hulls: Vec<Polyhedron> = cells.iter().map(|cell| cell.bounds.moved(&cell.pose)).collect();
+        let others: Vec<[DVec3; 8]> =
+            object.bodies()[1..].iter().map(|body| bodies::corners_mm(object, body)).collect();
+        let of_cells = hulls.iter().map(|hull| view.outline(hull.corners()));
+        let outlines: Vec<_> =
+            of_cells.chain(others.iter().map(|corners| view.outline(corners.iter().copied()))).collect();
+        let corners: Vec<DVec3> =
+            hulls.iter().flat_map(Polyhedron::corners).chain(others.into_iter().flatten()).collect();
+        let sphere = if corners.is_empty() { (camera.eye_mm + camera.forward, 0.5) } else { sphere_around(&corners) };
+        let sorted = front_to_back(&hulls, &outlines, &view, 1e-9 * sphere.1).filter(|_| outlines.len() == cells.len());
+        let side_by_side = sorted.is_none();
+        let edge = TILE.max(size[0].max(size[1]).div_ceil(MAX_TILES));
+        let tiles = size.map(|n| n.div_ceil(edge) as usize);
+        let mut lists: Vec<Vec<usize>> = vec![Vec::new(); tiles[0] * tiles[1]];
+        for i in sorted.unwrap_or_else(|| (0..outlines.len()).collect()) {
+            for (t, list) in lists.iter_mut().enumerate() {
+                let low = DVec2::new((t % tiles[0]) as f64, (t / tiles[0]) as f64) * f64::from(edge);
+                if outlines[i].as_ref().is_none_or(|o| touches(o, low, low + f64::from(edge))) {
+                    list.push(i);
+                }
+            }
+        }
+        Some(Self { cells, side_by_side, sphere, edge, tiles, lists })
+    }
+
+    /// The longest of the lists.
+    pub fn most_bodies(&self) -> usize {
+        self.lists.iter().map(Vec::len).max().unwrap_or(0)
+    }
+
+    /// Pieces that a ray has at most, with what its cells take.
+    pub fn most_pieces(&self, object: &Object, step_voxels: f64) -> u32 {
+        let grid = &object.volume.grid;
+        let cells = self.cells.iter().map(|cell| {
+            let corners: Vec<DVec3> =
+                cell.bounds.corners().map(|corner| grid.index_from_world().transform_point3(corner)).collect();
+            let longest = corners.iter().flat_map(|a| corners.iter().map(move |b| a.distance(*b))).fold(0.0, f64::max);
+            (longest / step_voxels, smallest_spacing_mm(grid, &cell.pose))
+        });
+        let bodies = object.bodies();
+        let others = bodies[1..].iter().map(|body| pieces_and_spacing(object, body, step_voxels));
+        let sizes: Vec<(f64, f64)> = cells.chain(others).collect();
+        let of_list = |list: &Vec<usize>| {
+            let own: Vec<(f64, f64)> = list.iter().map(|i| sizes[*i]).collect();
+            if self.side_by_side {
+                bodies::most_pieces(&own)
+            } else {
+                own.iter().map(|(pieces, _)| pieces.ceil() as u32 + 1 + UNITS_PER_CELL).sum()
+            }
+        };
+        self.lists.iter().map(of_list).max().unwrap_or(0)
+    }
+
+    /// Where the cells begin in the texture.
+    fn starts(&self) -> Vec<u32> {
+        let mut at = (1 + self.lists.len() + self.lists.iter().map(Vec::len).sum::<usize>()) as u32;
+        let mut starts = Vec::with_capacity(self.cells.len());
+        for cell in &self.cells {
+            starts.push(at);
+            at += CELL_TEXELS + WALL_TEXELS * walls(cell).count() as u32;
+        }
+        starts
+    }
+
+    /// Per cell, the texel of its first wall, and how many walls it has.
+    pub fn walls(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
+        let starts = self.starts().into_iter();
+        starts.zip(&self.cells).map(|(start, cell)| [start + CELL_TEXELS, walls(cell).count() as u32])
+    }
+
+    /// Binding 27 of `shaders/bind/parts.wgsl`.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] where the lists take more than the adapter holds.
+    pub fn upload(
+        &self,
+        context: &GpuContext,
+        object: &Object,
+        camera: &Camera,
+        near: &NearPlane,
+    ) -> Result<wgpu::TextureView> {
+        if self.side_by_side && self.most_bodies() > MAX_SIDE_BY_SIDE {
+            let count = self.most_bodies();
+            return Err(Error::scene(
+                format!("{count} parts lie behind one another where some overlap, and {MAX_SIDE_BY_SIDE} is the most"),
+                "move them apart, or hide some",
+            ));
+        }
+        let starts = self.starts();
+        let mut data: Vec<[u32; 4]> = vec![[self.edge, self.tiles[0] as u32, 0, 0]];
+        let mut entry = 1 + self.lists.len() as u32;
+        for list in &self.lists {
+            data.push([entry, entry + list.len() as u32, 0, 0]);
+            entry += list.len() as u32;
+        }
+        let entry_of = |i: &usize| if self.side_by_side { *i as u32 } else { starts[*i] };
+        data.extend(self.lists.iter().flatten().map(|i| [entry_of(i), 0, 0, 0]));
+        let cells = self.cells.iter().flat_map(|cell| texels(cell, object, camera, near));
+        data.extend(cells.map(|texel| texel.map(f32::to_bits)));
+        let rows = data.len().div_ceil(ROW);
+        let most = context.device.limits().max_texture_dimension_2d as usize;
+        if rows > most {
+            return Err(Error::gpu(
+                format!("lists of parts take {rows} rows of a texture, and the adapter holds {most}"),
+                "cut the object less often, or draw a smaller picture",
+            ));
+        }
+        data.resize(rows * ROW, [0; 4]);
+        let texture = small_texture(
+            context,
+            "parts",
+            extent([ROW, rows, 1]),
+            wgpu::TextureDimension::D2,
+            wgpu::TextureFormat::Rgba32Uint,
+            bytemuck::cast_slice(&data),
+        );
+        Ok(texture.create_view(&Default::default()))
+    }
+}
