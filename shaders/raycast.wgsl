@@ -1,4 +1,4 @@
-// The raycaster: one object, 1-D style transfer functions, into a tile of the picture.
+// The raycaster: one object, nothing of it moved, into a tile of the picture.
 // Result: premultiplied linear RGBA in f32, background not included.
 //
 // Structure (nested loops, because a software adapter runs both sides of every `if` but ends loops early): A leaps over

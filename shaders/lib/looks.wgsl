@@ -16,8 +16,8 @@ const ROUNDS_PER_LOOK: u32 = 23u;
 const ROUNDS_PER_LOOK: u32 = 5u;
 #end
 #if neither_lit_nor_patterns
-// Rounds that a look takes.
-const ROUNDS_PER_LOOK: u32 = 1u;
+// Rounds that a look takes: its own, and those of two styles.
+const ROUNDS_PER_LOOK: u32 = 3u;
 #end
 // Rounds that a piece takes without regions, with one look a part: a leap, two looks for something that shows, the ends of three
 // loops, the lags of contours; and a part its end and its look.

@@ -12,9 +12,18 @@ fn shade(node: f32, last_node: f32, row: u32, n_xy: vec2f, steepness: f32, level
     let uv = style_uv(n_xy);
     let blurred = level + NOISE_LEVELS * (1.0 - smoothstep(0.0, SHARP_SURFACE, steepness));
     let nodes = nodes_around(node, last_node);
-    let a = textureSampleLevel(styles, style_sampler, uv, node_layer(nodes.first, row), blurred);
-    let b = textureSampleLevel(styles, style_sampler, uv, node_layer(nodes.second, row), blurred);
-    return mix(a, b, nodes.weight);
+    let last = node_layer(nodes.second, row);
+    var layer = node_layer(nodes.first, row);
+    // Of one style, where both nodes have it: a software adapter ends loops early, and goes through both sides of an `if`.
+    var share = select(1.0 - nodes.weight, 1.0, layer == last);
+    var found = vec4f(0.0);
+    loop {
+        found += share * textureSampleLevel(styles, style_sampler, uv, layer, blurred);
+        if layer == last { break; }
+        layer = last;
+        share = nodes.weight;
+    }
+    return found;
 }
 
 // |n_xy| = 1 lands on the outermost texel centers of the disc.

@@ -13,8 +13,7 @@ use fabrica_engine::render::{RenderOptions, Renderer};
 use fabrica_engine::scene::Scene;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_studio::figure::bridge;
-use fabrica_studio::figure::source::VolumeSource;
-use fabrica_studio::figure::sources::Sources;
+use fabrica_studio::figure::sources;
 use fabrica_studio::figure::template::{
     AcrossTemplate, AxisName, ContoursTemplate, LightingModel, LightingTemplate, Rgb, RowTemplate, Template,
     Transparency,
@@ -33,11 +32,7 @@ fn main() {
         path.map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../templates/head_glass.json"), PathBuf::from);
     let progress = Progress::new();
     let plain = Template::read(&path).unwrap();
-    let folder = path.parent().unwrap();
-    let volumes = plain.volumes.iter().map(|slot| {
-        VolumeSource::parse(&slot.file, folder).unwrap().load(&slot.options().unwrap(), &progress).unwrap()
-    });
-    let sources = Sources::of(volumes.collect());
+    let sources = sources::load(&plain, path.parent().unwrap(), &[], &[], &progress).unwrap();
     let styles = StyleLibrary::embedded();
     type Change = fn(&mut Template);
     let changes: [(&str, Change); 10] = [

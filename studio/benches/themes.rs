@@ -12,8 +12,7 @@ use fabrica_engine::Progress;
 use fabrica_engine::gpu::AdapterChoice;
 use fabrica_engine::styles::StyleLibrary;
 use fabrica_studio::editor::painter::{Painter, Request, Stage, Update};
-use fabrica_studio::figure::source::VolumeSource;
-use fabrica_studio::figure::sources::Sources;
+use fabrica_studio::figure::sources::{self, Sources};
 use fabrica_studio::figure::template::Template;
 use fabrica_studio::figure::theme::Themes;
 
@@ -27,11 +26,7 @@ fn main() {
         path.map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../templates/head_glass.json"), PathBuf::from);
     let progress = Progress::new();
     let plain = Template::read(&path).unwrap();
-    let folder = path.parent().unwrap();
-    let volumes = plain.volumes.iter().map(|slot| {
-        VolumeSource::parse(&slot.file, folder).unwrap().load(&slot.options().unwrap(), &progress).unwrap()
-    });
-    let sources = Sources::of(volumes.collect());
+    let sources = sources::load(&plain, path.parent().unwrap(), &[], &[], &progress).unwrap();
     let styles = Arc::new(StyleLibrary::embedded());
     // As the window's gallery does at its start.
     styles.names().iter().for_each(|name| drop(styles.get(name)));

@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use fabrica_engine::scene::{
-    Background, Camera, Look, Object, Projection, Quality, Region, Scene, StyleTransferFunction, TransferFunctionNode,
+    Background, Camera, Look, Meetings, Moved, Object, Projection, Quality, Region, Scene, StyleTransferFunction,
+    TransferFunctionNode,
 };
 use fabrica_engine::selection::{BrickPool, Selection};
 use fabrica_engine::spaces::Grid;
 use fabrica_engine::styles::{StyleImage, StyleLibrary};
 use fabrica_engine::volume::{Rescale, Volume, Voxels};
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 /// A volume of int16 data values given by a function of the world position in mm.
 ///
@@ -54,6 +55,19 @@ pub fn lumpy() -> Arc<Volume> {
 /// Axes that are neither square nor of one length.
 pub fn sheared() -> DMat3 {
     DMat3::from_cols(DVec3::new(0.9, 0.1, 0.0), DVec3::new(0.2, 0.8, 0.35), DVec3::new(-0.1, 0.0, 2.0))
+}
+
+/// Moved, turned, and stretched.
+pub fn pose() -> DAffine3 {
+    let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 0.5).normalize(), 0.6);
+    DAffine3::from_scale_rotation_translation(DVec3::new(1.2, 0.9, 1.1), turn, DVec3::new(3.0, 9.0, 4.0))
+}
+
+/// Takes a region of the scene's object elsewhere ([`pose`]); its ghost has the look of region `ghost`, at 0.4 of its opacity.
+pub fn take_away(scene: &mut Scene, region: usize, ghost: usize) {
+    let regions = &mut scene.objects[0].regions;
+    let ghost = Look { opacity: 0.4, ..regions[ghost].look.clone() };
+    regions[region].moved = Some(Moved { pose: pose(), ghost, meetings: Meetings::default() });
 }
 
 /// A bump on grids that are not made of upright cubes, each with its name.

@@ -34,6 +34,21 @@ pub fn compare(renderer: &mut Renderer, scene: &Scene, size: [u32; 2]) -> Result
     agrees(&picture, &twin.unwrap_or_else(|e| panic!("{e}")), scene)
 }
 
+/// The picture must be the same, bit for bit, drawn in tiles, and without leaping over empty space.
+///
+/// # Panics
+/// If it is not, or there is none.
+pub fn same_in_tiles_and_everywhere(renderer: &mut Renderer, scene: &Scene, size: [u32; 2]) {
+    let whole = draw(renderer, scene, size);
+    for options in [
+        RenderOptions { tile: 16, ..RenderOptions::default() },
+        RenderOptions { skip_empty: false, ..RenderOptions::default() },
+    ] {
+        let other = renderer.render(scene, size, &options, &Progress::new()).unwrap_or_else(|e| panic!("{e}"));
+        assert!(whole.pixels == other.pixels, "{options:?}");
+    }
+}
+
 /// A defect in the shader's text must be noticed.
 ///
 /// # Panics

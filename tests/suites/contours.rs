@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use fabrica_engine::Progress;
 use fabrica_engine::render::{RenderOptions, Renderer};
-use fabrica_engine::scene::{Borders, Contours, Meetings, Moved, Object, Projection, Quality, Scene};
+use fabrica_engine::scene::{Borders, Contours, Object, Projection, Quality, Scene};
 use fabrica_engine::styles::StyleImage;
 use fabrica_tests::phantom::{self, add, ball, centered, lumpy, selection};
 use fabrica_tests::renderer;
-use fabrica_tests::twin::{compare, difference, draw, notices, replace};
-use glam::{DAffine3, DQuat, DVec3};
+use fabrica_tests::twin::{compare, difference, draw, notices, replace, same_in_tiles_and_everywhere};
+use glam::DVec3;
 
 const SIZE: [u32; 2] = [48, 40];
 
@@ -85,14 +85,7 @@ fn divided(quality: Quality) -> Scene {
 /// One of its regions moved, turned and stretched, with its ghost left behind.
 fn moved(quality: Quality) -> Scene {
     let mut scene = divided(quality);
-    let turn = DAffine3::from_scale_rotation_translation(
-        DVec3::new(1.2, 0.9, 1.1),
-        DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 0.5).normalize(), 0.6),
-        DVec3::new(3.0, 9.0, 4.0),
-    );
-    let mut ghost = scene.objects[0].regions[1].look.clone();
-    ghost.opacity = 0.4;
-    scene.objects[0].regions[0].moved = Some(Moved { pose: turn, ghost, meetings: Meetings::default() });
+    phantom::take_away(&mut scene, 0, 1);
     scene
 }
 
@@ -291,14 +284,7 @@ fn contours_do_not_depend_on_tiles_passes_or_empty_space() {
     let mut renderer = renderer();
     for scene in [drawn(BODY, Some(INK), true, Quality::STANDARD), divided(Quality::STANDARD), moved(Quality::STANDARD)]
     {
-        let whole = draw(&mut renderer, &scene, SIZE);
-        for options in [
-            RenderOptions { tile: 16, ..RenderOptions::default() },
-            RenderOptions { skip_empty: false, ..RenderOptions::default() },
-        ] {
-            let other = renderer.render(&scene, SIZE, &options, &Progress::new()).unwrap();
-            assert_eq!(whole.pixels, other.pixels, "{options:?}");
-        }
+        same_in_tiles_and_everywhere(&mut renderer, &scene, SIZE);
     }
 }
 

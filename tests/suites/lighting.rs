@@ -10,7 +10,7 @@ use fabrica_engine::scene::{Contours, Light, LightFrame, Lighting, LightingMap, 
 use fabrica_engine::styles::StyleImage;
 use fabrica_tests::phantom::{self, add, ball, lumpy, selection};
 use fabrica_tests::renderer;
-use fabrica_tests::twin::{compare, difference, draw, notices, replace};
+use fabrica_tests::twin::{compare, difference, draw, notices, replace, same_in_tiles_and_everywhere};
 use glam::DVec3;
 
 const SIZE: [u32; 2] = [48, 40];
@@ -170,14 +170,7 @@ fn extreme_lights_draw_or_are_a_sentence() {
 fn lit_rays_of_many_passes_draw_the_same() {
     let mut renderer = renderer();
     let mut scene = lit(VEIL, shiny(), lights(), Quality { step_voxels: 1.0 / 64.0, ..Quality::STANDARD });
-    let whole = draw(&mut renderer, &scene, SIZE);
-    for options in [
-        RenderOptions { tile: 16, ..RenderOptions::default() },
-        RenderOptions { skip_empty: false, ..RenderOptions::default() },
-    ] {
-        let other = renderer.render(&scene, SIZE, &options, &Progress::new()).unwrap();
-        assert_eq!(whole.pixels, other.pixels);
-    }
+    same_in_tiles_and_everywhere(&mut renderer, &scene, SIZE);
     scene.quality.step_voxels = 1.0 / 16.0;
     compare(&mut renderer, &scene, SIZE).unwrap();
 }

@@ -6,16 +6,14 @@ use std::sync::Arc;
 use fabrica_engine::Progress;
 use fabrica_engine::reference::pattern::lines;
 use fabrica_engine::render::{FloatImage, RenderOptions};
-use fabrica_engine::scene::{
-    Contours, Light, LightFrame, Lighting, LightingMap, Meetings, Moved, Projection, Quality, Scene,
-};
+use fabrica_engine::scene::{Contours, Light, LightFrame, Lighting, LightingMap, Projection, Quality, Scene};
 use fabrica_engine::styles::StyleImage;
 use fabrica_engine::styles::pattern::{Direction, Pattern, Strokes};
 use fabrica_engine::volume::Volume;
 use fabrica_tests::phantom::{self, add, ball, centered, lumpy, selection};
 use fabrica_tests::renderer;
-use fabrica_tests::twin::{compare, difference, draw, notices, replace};
-use glam::{DAffine3, DQuat, DVec3};
+use fabrica_tests::twin::{compare, difference, draw, notices, replace, same_in_tiles_and_everywhere};
+use glam::{DQuat, DVec3};
 
 const SIZE: [u32; 2] = [48, 40];
 
@@ -93,14 +91,7 @@ fn divided(strokes: [Strokes; 2], is_moved: bool) -> Scene {
         }
     }
     if is_moved {
-        let pose = DAffine3::from_scale_rotation_translation(
-            DVec3::new(1.2, 0.9, 1.1),
-            DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 0.5).normalize(), 0.6),
-            DVec3::new(3.0, 9.0, 4.0),
-        );
-        let mut ghost = scene.objects[0].regions[1].look.clone();
-        ghost.opacity = 0.4;
-        scene.objects[0].regions[0].moved = Some(Moved { pose, ghost, meetings: Meetings::default() });
+        phantom::take_away(&mut scene, 0, 1);
     }
     scene
 }
@@ -348,14 +339,7 @@ fn extreme_patterns_draw_or_are_a_sentence() {
 fn patterns_do_not_depend_on_tiles_or_empty_space() {
     let mut renderer = renderer();
     for scene in [drawn(VEIL, AROUND, Quality::STANDARD), divided([SECTIONS, Strokes::Stipple], true)] {
-        let whole = draw(&mut renderer, &scene, SIZE);
-        for options in [
-            RenderOptions { tile: 16, ..RenderOptions::default() },
-            RenderOptions { skip_empty: false, ..RenderOptions::default() },
-        ] {
-            let other = renderer.render(&scene, SIZE, &options, &Progress::new()).unwrap();
-            assert_eq!(whole.pixels, other.pixels, "{options:?}");
-        }
+        same_in_tiles_and_everywhere(&mut renderer, &scene, SIZE);
     }
 }
 

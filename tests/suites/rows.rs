@@ -7,15 +7,15 @@ use fabrica_engine::Progress;
 use fabrica_engine::render::RenderOptions;
 use fabrica_engine::scene::across::MAX_ROWS;
 use fabrica_engine::scene::{
-    Across, Axis, Borders, Contours, Light, LightFrame, Lighting, LightingMap, Meetings, Moved, Projection, Quality,
-    Row, Scene, StyleTransferFunction,
+    Across, Axis, Borders, Contours, Light, LightFrame, Lighting, LightingMap, Projection, Quality, Row, Scene,
+    StyleTransferFunction,
 };
 use fabrica_engine::selection::DistanceField;
 use fabrica_engine::volume::Volume;
 use fabrica_tests::phantom::{self, add, ball, centered, function, lumpy, selection};
 use fabrica_tests::renderer;
-use fabrica_tests::twin::{compare, difference, draw, notices, replace};
-use glam::{DAffine3, DQuat, DVec3};
+use fabrica_tests::twin::{compare, difference, draw, notices, replace, same_in_tiles_and_everywhere};
+use glam::DVec3;
 
 const SIZE: [u32; 2] = [48, 40];
 
@@ -81,14 +81,7 @@ fn divided(quality: Quality) -> Scene {
 
 fn moved(quality: Quality) -> Scene {
     let mut scene = divided(quality);
-    let pose = DAffine3::from_scale_rotation_translation(
-        DVec3::new(1.2, 0.9, 1.1),
-        DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 0.5).normalize(), 0.6),
-        DVec3::new(3.0, 9.0, 4.0),
-    );
-    let mut ghost = scene.objects[0].regions[0].look.clone();
-    ghost.opacity = 0.4;
-    scene.objects[0].regions[1].moved = Some(Moved { pose, ghost, meetings: Meetings::default() });
+    phantom::take_away(&mut scene, 1, 0);
     scene
 }
 
@@ -308,13 +301,6 @@ fn extreme_rows_draw_or_are_a_sentence() {
 fn rows_do_not_depend_on_tiles_or_empty_space() {
     let mut renderer = renderer();
     for scene in [by_edge(Quality::STANDARD), by_distance(Quality::STANDARD), divided(Quality::STANDARD)] {
-        let whole = draw(&mut renderer, &scene, SIZE);
-        for options in [
-            RenderOptions { tile: 16, ..RenderOptions::default() },
-            RenderOptions { skip_empty: false, ..RenderOptions::default() },
-        ] {
-            let other = renderer.render(&scene, SIZE, &options, &Progress::new()).unwrap();
-            assert_eq!(whole.pixels, other.pixels, "{options:?}");
-        }
+        same_in_tiles_and_everywhere(&mut renderer, &scene, SIZE);
     }
 }

@@ -38,10 +38,10 @@ pub const PARTS: u32 = 4;
 /// Rounds of the raycaster's loops in one pass (`MAX_ROUNDS` of `shaders/raycast.wgsl`).
 pub const MAX_ROUNDS: u32 = 65_000;
 
-/// Rounds that a look takes: its own, one for each light of an object that is lit and, where styles carry patterns, those of the
-/// curvature (4) and of two patterns with four groups of lines and two octaves of dots each.
+/// Rounds that a look takes: its own, one for each light of an object that is lit or two styles and, where styles carry patterns, those
+/// of the curvature (4) and of two patterns with four groups of lines and two octaves of dots each.
 pub const fn rounds_per_look(is_lit: bool, has_patterns: bool) -> u32 {
-    1 + if is_lit || has_patterns { MAX_LIGHTS as u32 } else { 0 } + if has_patterns { 4 + 2 * (1 + 4 + 2) } else { 0 }
+    1 + if is_lit || has_patterns { MAX_LIGHTS as u32 } else { 2 } + if has_patterns { 4 + 2 * (1 + 4 + 2) } else { 0 }
 }
 
 /// Rounds that a piece takes at most with one look a part (`ROUNDS_PER_PIECE` of `shaders/lib/looks.wgsl`), each of which takes

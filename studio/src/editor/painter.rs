@@ -17,6 +17,7 @@ use fabrica_engine::progress::Progress;
 use fabrica_engine::render::{RenderOptions, Renderer};
 use fabrica_engine::scene::{Background, Quality, Scene};
 use fabrica_engine::styles::StyleLibrary;
+use fabrica_engine::styles::pattern::Pattern;
 use fabrica_engine::volume::Volume;
 use fabrica_engine::{color, estimate};
 
@@ -369,8 +370,9 @@ fn paint(desk: &(Mutex<Desk>, Condvar), choice: &AdapterChoice, themes: &Themes,
     }
 }
 
-/// What of an object decides, for one figure in several themes, which shader draws it: contours, illustrative transparency, light.
-type Features = [bool; 3];
+/// What of an object decides, for one figure in several themes, which shader draws it: contours, illustrative transparency, light,
+/// patterns and whether these follow the curvature.
+type Features = [bool; 5];
 
 /// Pixels a side of a picture that is drawn to have its shader compiled.
 const TINY: u32 = 8;
@@ -385,7 +387,13 @@ fn expect(
 ) -> Result<()> {
     let (scene, _) = bridge::scene(&request.figure, &request.sources, wardrobe, progress)?;
     let Some(object) = scene.objects.first() else { return Ok(()) };
-    let features = [object.has_contours(), object.has_illustrative_transparency(), object.lighting.is_some()];
+    let features = [
+        object.has_contours(),
+        object.has_illustrative_transparency(),
+        object.lighting.is_some(),
+        scene.has_patterns(object),
+        scene.patterns(object).any(Pattern::follows_curvature),
+    ];
     if !expected.contains(&features) {
         let tiny = Scene { quality: Quality::DRAFT, ..scene.clone() };
         renderer.render(&tiny, [TINY; 2], &RenderOptions::default(), progress)?;

@@ -19,7 +19,7 @@ use super::super::gallery::Gallery;
 use super::super::open_figure::OpenFigure;
 use super::super::theme;
 use super::curve::{Positions, opacity_at, round_to};
-use super::plot::{Plot, paint_note};
+use super::plot::{Plot, color_at, paint_note};
 use crate::figure::Command;
 use crate::figure::template::{AcrossTemplate, AxisName, NodeTemplate, RowTemplate, TransferFunctionTemplate};
 
@@ -49,6 +49,8 @@ struct PictureOf {
     places: (f64, f64),
     joint: Option<usize>,
     paper: Color32,
+    /// Of the nodes of all rows: a theme changes them.
+    colors: Vec<Color32>,
 }
 
 /// The joint histogram, counted on a thread.
@@ -220,6 +222,7 @@ pub fn show(ui: &mut Ui, open: &mut OpenFigure, gallery: &Gallery, view: &mut Ma
         places,
         joint: joint.as_ref().map(|j| j.0),
         paper: tokens.field,
+        colors: function.all_nodes().map(|node| gallery.mean(&node.style)).collect(),
     };
     if view.picture.as_ref().is_none_or(|(known, _)| *known != of) {
         let picture = picture(&function, &across, positions, &map, joint.as_ref().map(|j| &*j.1), gallery, tokens);
@@ -465,14 +468,7 @@ fn picture(
     // Straight color and opacity of a row at a value.
     let of_row = |row: usize, value: f64| {
         let (values, nodes, means) = &rows[row];
-        let above = values.partition_point(|v| *v <= value);
-        let (below, share) = match (above.checked_sub(1), values.get(above)) {
-            (None, _) => (0, 0.0),
-            (Some(below), None) => (below, 0.0),
-            (Some(below), Some(next)) => (below, (value - values[below]) / (next - values[below])),
-        };
-        let color = means[below].lerp_to_gamma(means[(below + 1).min(means.len() - 1)], share as f32);
-        (color, opacity_at(values, nodes, value) as f32)
+        (color_at(values, means, value), opacity_at(values, nodes, value) as f32)
     };
     let [columns, lines] = CELLS;
     let pixel = |i: usize| {

@@ -82,15 +82,19 @@ fn paint_below(painter: &egui::Painter, plot: Plot, at: impl Fn(f64) -> (f64, Co
 pub fn paint_tints(painter: &egui::Painter, plot: Plot, values: &[f64], nodes: &[NodeTemplate], gallery: &Gallery) {
     let means: Vec<Color32> = nodes.iter().map(|n| gallery.mean(&n.style)).collect();
     paint_below(painter, plot, |value| {
-        let above = values.partition_point(|v| *v <= value);
-        let (below, share) = match (above.checked_sub(1), values.get(above)) {
-            (None, _) => (0, 0.0),
-            (Some(below), None) => (below, 0.0),
-            (Some(below), Some(next)) => (below, (value - values[below]) / (next - values[below])),
-        };
-        let color = means[below].lerp_to_gamma(means[(below + 1).min(means.len() - 1)], share as f32);
-        (opacity_at(values, nodes, value), color.gamma_multiply(0.4))
+        (opacity_at(values, nodes, value), color_at(values, &means, value).gamma_multiply(0.4))
     });
+}
+
+/// The color at a value, between nodes at these values (ascending, at least one) with these colors.
+pub fn color_at(values: &[f64], colors: &[Color32], value: f64) -> Color32 {
+    let above = values.partition_point(|v| *v <= value);
+    let (below, share) = match (above.checked_sub(1), values.get(above)) {
+        (None, _) => (0, 0.0),
+        (Some(below), None) => (below, 0.0),
+        (Some(below), Some(next)) => (below, (value - values[below]) / (next - values[below])),
+    };
+    colors[below].lerp_to_gamma(colors[(below + 1).min(colors.len() - 1)], share as f32)
 }
 
 /// The curve of the opacity.
