@@ -816,7 +816,8 @@ fn measure_says_what_accuracy_costs() {
     assert!(svg.contains(report["adapter"]["name"].as_str().unwrap()));
     // Others are compared with the reference: it is the picture, in linear light and without background.
     run(&["--plot", "m.png", "--reference", "r.npy"]);
-    let bench = ["bench", "figure.json", "--size", "16x12", "--frames", "1", "--adapter", "software", "--step", "0.0625"];
+    let bench =
+        ["bench", "figure.json", "--size", "16x12", "--frames", "1", "--adapter", "software", "--step", "0.0625"];
     let output = place.run(&[&bench[..], &["--picture", "p.npy", "--json", "b.json"]].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(String::from_utf8_lossy(&output.stdout).contains("a setting of its own"));

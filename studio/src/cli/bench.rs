@@ -137,8 +137,14 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     }
     let progress = Progress::new();
     let bar = Bar::watch(&progress);
-    let Stage { template, mut scene, mut renderer } =
-        Stage::load(&arguments.template, &arguments.volumes, &arguments.adapter, arguments.styles.as_ref(), matches, &progress)?;
+    let Stage { template, mut scene, mut renderer } = Stage::load(
+        &arguments.template,
+        &arguments.volumes,
+        &arguments.adapter,
+        arguments.styles.as_ref(),
+        matches,
+        &progress,
+    )?;
     let name = arguments.quality.unwrap_or(template.quality);
     scene.quality = arguments.setting(name);
     let (pivot, axis) = (center_mm(&scene), up_axis(template.camera.up));
@@ -270,7 +276,10 @@ mod tests {
         assert_eq!(setting(&["--step", "2"]), Quality::DRAFT);
         let only = setting(&["--termination", "0.01", "--style-change", "3"]);
         assert_eq!(only, Quality { termination: 0.01, style_change: 3.0, ..Quality::FINAL });
-        assert_eq!(setting(&["--step", "0.5", "--style-change", "1"]), Quality { style_change: 1.0, ..Quality::STANDARD });
+        assert_eq!(
+            setting(&["--step", "0.5", "--style-change", "1"]),
+            Quality { style_change: 1.0, ..Quality::STANDARD }
+        );
     }
 
     #[test]
