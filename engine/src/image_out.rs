@@ -277,6 +277,30 @@ impl Drop for Temporary {
     }
 }
 
+/// Writes a picture as NumPy's `.npy`, version 1.0: float32 of this machine's byte order in C order, (height, width, 4), row 0 = top,
+/// each pixel as it is (numpy.org, `numpy.lib.format`).
+///
+/// # Errors
+/// What `writer` returns; [`io::ErrorKind::InvalidInput`] unless there are `width` × `height` pixels.
+pub fn write_npy(mut writer: impl Write, width: u32, height: u32, pixels: &[[f32; 4]]) -> io::Result<()> {
+    if pixels.len() as u64 != u64::from(width) * u64::from(height) {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "the picture has another size than its pixels"));
+    }
+    let order = if cfg!(target_endian = "big") { '>' } else { '<' };
+    let mut header = format!("{{'descr': '{order}f4', 'fortran_order': False, 'shape': ({height}, {width}, 4), }}");
+    // The array begins at a multiple of 64 bytes; the header's last byte is a line feed.
+    let num_spaces = 63 - (NPY_PREFIX.len() + 2 + header.len()) % 64;
+    header.push_str(&" ".repeat(num_spaces));
+    header.push('\n');
+    writer.write_all(NPY_PREFIX)?;
+    writer.write_all(&(header.len() as u16).to_le_bytes())?;
+    writer.write_all(header.as_bytes())?;
+    writer.write_all(bytemuck::cast_slice(pixels))
+}
+
+/// Magic and version of a `.npy` file; the header's length and the header follow.
+const NPY_PREFIX: &[u8] = b"\x93NUMPY\x01\x00";
+
 /// Writes a file whole or not at all: `write` fills a hidden temporary file in the same folder, which is then renamed
 /// to `path`. What was there before stays until that moment, and stays if anything fails.
 ///
@@ -668,6 +692,27 @@ mod tests {
         assert!((a - 0.500_008).abs() < 1e-6 && (g - a).abs() < 1e-7 && b == 0.0);
         assert!((r / a - linear_half()).abs() < 1e-5);
         assert!(decode_png(b"no png", Path::new("b")).unwrap_err().to_string().contains("not a whole PNG"));
+    }
+
+    #[test]
+    fn an_array_has_its_shape_and_its_numbers() {
+        let pixels: Vec<[f32; 4]> = (0..6u8).map(|i| std::array::from_fn(|c| f32::from(i) + 0.1 * c as f32)).collect();
+        let mut bytes = Vec::new();
+        write_npy(&mut bytes, 3, 2, &pixels).unwrap();
+        // As numpy.lib.format has it: the header says its length, and the numbers begin at a multiple of 64.
+        let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+        assert_eq!((&bytes[..8], start % 64, bytes[start - 1]), (&b"\x93NUMPY\x01\x00"[..], 0, b'\n'));
+        let header = std::str::from_utf8(&bytes[10..start]).unwrap();
+        assert!(header.contains("'shape': (2, 3, 4)") && header.contains("f4'"), "{header}");
+        let numbers: Vec<f32> = bytes[start..].chunks(4).map(|b| f32::from_ne_bytes(b.try_into().unwrap())).collect();
+        assert_eq!(numbers, pixels.concat());
+        // It is an array to the reader of volumes as well.
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        std::fs::write(&path, &bytes).unwrap();
+        let read = crate::read::read_volume(&path, &Default::default(), &crate::Progress::new()).unwrap();
+        assert_eq!(read.grid.dims(), [4, 3, 2]);
+        assert_eq!(write_npy(&mut bytes, 3, 3, &pixels).unwrap_err().kind(), io::ErrorKind::InvalidInput);
     }
 
     fn linear_half() -> f32 {

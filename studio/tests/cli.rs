@@ -814,7 +814,27 @@ fn measure_says_what_accuracy_costs() {
     let svg = std::fs::read_to_string(place.path("m.svg")).unwrap();
     assert!(svg.starts_with("<svg") && svg.contains("time per frame (ms)") && !svg.contains("NaN"));
     assert!(svg.contains(report["adapter"]["name"].as_str().unwrap()));
-    run(&["--plot", "m.png"]);
+    // Others are compared with the reference: it is the picture, in linear light and without background.
+    run(&["--plot", "m.png", "--reference", "r.npy"]);
+    let bench =
+        ["bench", "figure.json", "--size", "16x12", "--frames", "1", "--adapter", "software", "--step", "0.0625"];
+    let output = place.run(&[&bench[..], &["--picture", "p.npy", "--json", "b.json"]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("a setting of its own"));
+    let quality = &json_file(&place.path("b.json"))["quality"];
+    assert_eq!([&quality["step_voxels"], &quality["style_change"]], [0.0625, 0.125]);
+    let [reference, picture] = ["r.npy", "p.npy"].map(|name| {
+        let bytes = std::fs::read(place.path(name)).unwrap();
+        let numbers = &bytes[bytes.len() - 16 * 12 * 16..];
+        let floats: Vec<f32> = numbers.chunks(4).map(|b| f32::from_ne_bytes(b.try_into().unwrap())).collect();
+        floats
+    });
+    let num_unsettled = reference.iter().filter(|c| c.is_nan()).count() as u64 / 4;
+    assert_eq!(Some(num_unsettled), report["reference"]["num_unsettled"].as_u64());
+    assert!(reference.chunks(4).any(|p| p[3] == 0.0) && reference.chunks(4).any(|p| p[3] > 0.5));
+    // The figure has no background, so both have none.
+    let worst = picture.iter().zip(&reference).map(|(p, r)| (p - r).abs()).filter(|d| !d.is_nan()).fold(0.0, f32::max);
+    assert!(worst < 2e-3, "{worst}");
     let (width, height, color_type, _) = png_facts(&place.path("m.png"));
     assert_eq!((width, height, color_type), (1800, 1200, 2));
 }

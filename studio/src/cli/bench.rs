@@ -44,15 +44,48 @@ pub struct Arguments {
     /// In place of the template's.
     #[arg(long, value_enum)]
     quality: Option<QualityName>,
+    /// Step in voxels, in place of the quality's; style change and termination then go with it, as far as they are not given.
+    #[arg(long, value_name = "VOXELS", value_parser = parse_number)]
+    step: Option<f64>,
+    /// How much a style may change between two looks, in place of the quality's (docs/rendering.md §5).
+    #[arg(long, value_name = "C", value_parser = parse_number)]
+    style_change: Option<f64>,
+    /// Transmittance below which rays end, in place of the quality's.
+    #[arg(long, value_name = "T", value_parser = parse_number)]
+    termination: Option<f64>,
     /// How the borders of regions are found (docs/rendering.md §8).
     #[arg(long, value_enum, default_value_t)]
     borders: BordersName,
     /// software, hardware, or a part of an adapter's name (see `fabrica adapters`).
     #[arg(long, value_name = "NAME", default_value = "auto")]
     adapter: AdapterChoice,
+    /// A folder of lit-sphere pictures (square PNGs or JPEGs), used beside the built-in styles.
+    #[arg(long, value_name = "DIR")]
+    styles: Option<PathBuf>,
     /// Write all numbers into this file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Write the first frame into this file: float32 (height, width, 4), premultiplied linear RGBA over the template's background,
+    /// row 0 = top.
+    #[arg(long, value_name = "FILE.npy")]
+    picture: Option<PathBuf>,
+}
+
+fn parse_number(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(|| "write a number".to_owned())
+}
+
+impl Arguments {
+    /// The accuracy setting, `name` being the quality that it begins with.
+    fn setting(&self, name: QualityName) -> Quality {
+        let named = self.step.map_or(bridge::quality(name), Quality::balanced);
+        Quality {
+            style_change: self.style_change.unwrap_or(named.style_change),
+            termination: self.termination.unwrap_or(named.termination),
+            borders: self.borders.into(),
+            ..named
+        }
+    }
 }
 
 fn parse_angle(text: &str) -> Result<f64, String> {
@@ -90,17 +123,30 @@ struct Setting {
     borders: BordersName,
 }
 
+impl Setting {
+    fn quality(&self) -> Quality {
+        let Self { step_voxels, style_change, termination, borders, .. } = *self;
+        Quality { step_voxels, style_change, termination, borders: borders.into() }
+    }
+}
+
 /// Draws and reports.
 pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
-    if let Some(path) = &arguments.json {
+    for path in [&arguments.json, &arguments.picture].into_iter().flatten() {
         setup::check_writable(path)?;
     }
     let progress = Progress::new();
     let bar = Bar::watch(&progress);
-    let Stage { template, mut scene, mut renderer } =
-        Stage::load(&arguments.template, &arguments.volumes, &arguments.adapter, matches, &progress)?;
+    let Stage { template, mut scene, mut renderer } = Stage::load(
+        &arguments.template,
+        &arguments.volumes,
+        &arguments.adapter,
+        arguments.styles.as_ref(),
+        matches,
+        &progress,
+    )?;
     let name = arguments.quality.unwrap_or(template.quality);
-    scene.quality = Quality { borders: arguments.borders.into(), ..bridge::quality(name) };
+    scene.quality = arguments.setting(name);
     let (pivot, axis) = (center_mm(&scene), up_axis(template.camera.up));
     let first_camera = scene.camera;
     let mut frame_ms = Vec::with_capacity(arguments.frames as usize);
@@ -112,10 +158,11 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
         let start = Instant::now();
         let picture = renderer.render(&scene, arguments.size, &RenderOptions::default(), &Progress::new())?;
         let ms = start.elapsed().as_secs_f64() * 1e3;
-        // Giving the picture back is not part of making the next one.
-        drop(picture);
         if frame == 0 {
             first_ms = ms;
+            if let Some(path) = &arguments.picture {
+                setup::save_npy(path, arguments.size, &picture.pixels)?;
+            }
         } else {
             frame_ms.push(ms);
             samples += samples_per_ray(&scene, arguments.size);
@@ -165,7 +212,7 @@ fn in_words(r: &Report) -> String {
             r.dims[0],
             r.dims[1],
             r.dims[2],
-            setup::name_of(r.quality.name),
+            setup::quality_name(r.quality.quality()).unwrap_or("a setting of its own"),
             r.quality.step_voxels,
             setup::significant(r.quality.style_change),
             setup::fraction_text(r.quality.termination),
@@ -212,6 +259,28 @@ mod tests {
     use fabrica_engine::scene::Projection;
 
     use super::*;
+
+    #[test]
+    fn a_step_brings_what_goes_with_it() {
+        use clap::Parser as _;
+        #[derive(clap::Parser, Debug)]
+        struct Line {
+            #[command(flatten)]
+            arguments: Arguments,
+        }
+        let setting = |options: &[&str]| {
+            let line = ["bench", "figure.json"].iter().chain(options).copied();
+            Line::try_parse_from(line).unwrap().arguments.setting(QualityName::Final)
+        };
+        assert_eq!(setting(&[]), Quality::FINAL);
+        assert_eq!(setting(&["--step", "2"]), Quality::DRAFT);
+        let only = setting(&["--termination", "0.01", "--style-change", "3"]);
+        assert_eq!(only, Quality { termination: 0.01, style_change: 3.0, ..Quality::FINAL });
+        assert_eq!(
+            setting(&["--step", "0.5", "--style-change", "1"]),
+            Quality { style_change: 1.0, ..Quality::STANDARD }
+        );
+    }
 
     #[test]
     fn the_camera_changes_around_the_object() {

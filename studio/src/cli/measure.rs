@@ -45,6 +45,13 @@ pub struct Arguments {
     /// Draw error against time into this file, an SVG or a PNG by its ending.
     #[arg(long, value_name = "FILE.svg|png")]
     plot: Option<PathBuf>,
+    /// Write the refined reference into this file, for other programs to be compared with: float32 (height, width, 4),
+    /// premultiplied linear RGBA without background, row 0 = top, NaN where it did not settle.
+    #[arg(long, value_name = "FILE.npy")]
+    reference: Option<PathBuf>,
+    /// A folder of lit-sphere pictures (square PNGs or JPEGs), used beside the built-in styles.
+    #[arg(long, value_name = "DIR")]
+    styles: Option<PathBuf>,
 }
 
 /// What `--json` writes.
@@ -103,16 +110,21 @@ impl From<&Row> for Setting {
 /// Measures and reports.
 pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
     let kind = arguments.plot.as_deref().map(plot_kind).transpose()?;
-    for path in [&arguments.json, &arguments.plot].into_iter().flatten() {
+    for path in [&arguments.json, &arguments.plot, &arguments.reference].into_iter().flatten() {
         setup::check_writable(path)?;
     }
     let progress = Progress::new();
     let bar = Bar::watch(&progress);
-    let mut stage = Stage::load(&arguments.template, &arguments.volumes, &arguments.adapter, matches, &progress)?;
+    let Arguments { template, volumes, adapter, styles, .. } = arguments;
+    let mut stage = Stage::load(template, volumes, adapter, styles.as_ref(), matches, &progress)?;
     check_memory(&stage)?;
     let start = Instant::now();
     let converged = Converged::of(&stage.scene, arguments.size, &progress)?;
     let seconds = start.elapsed().as_secs_f64();
+    // Before the measurements: it took the time, and whoever stops them has it.
+    if let Some(path) = &arguments.reference {
+        setup::save_npy(path, converged.size, &settled_pixels(&converged))?;
+    }
     let settings = default_settings(&stage.scene);
     let rows = measure(&mut stage.renderer, &stage.scene, &converged, &settings, arguments.frames, &progress)?;
     drop(bar);
@@ -145,6 +157,12 @@ pub fn run(arguments: &Arguments, matches: &clap::ArgMatches) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// The reference's pixels, NaN where they did not settle.
+fn settled_pixels(converged: &Converged) -> Vec<[f32; 4]> {
+    let pixels = converged.pixels.iter().zip(&converged.unsettled);
+    pixels.map(|(pixel, unsettled)| if *unsettled { [f32::NAN; 4] } else { pixel.map(|c| c as f32) }).collect()
 }
 
 fn plot_kind(path: &Path) -> Result<plot::Kind> {

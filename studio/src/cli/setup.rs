@@ -1,13 +1,13 @@
 //! What the commands that draw begin with, and what those that measure end with: arguments' kinds, a template's scene
 //! on an adapter, places to write to, the memory that it took.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::ArgMatches;
 use fabrica_engine::gpu::context::AdapterDescription;
 use fabrica_engine::gpu::{AdapterChoice, GpuContext};
-use fabrica_engine::image_out::save_atomic;
+use fabrica_engine::image_out::{save_atomic, write_npy};
 use fabrica_engine::render::Renderer;
 use fabrica_engine::scene::{Borders, Quality, Scene};
 use fabrica_engine::{Error, Progress};
@@ -44,7 +44,8 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// Reads the template and its volumes and opens the adapter; warnings go to stderr.
+    /// Reads the template and its volumes and opens the adapter; `styles` is a folder of styles beside the built-in ones. Warnings go
+    /// to stderr.
     ///
     /// # Errors
     /// One sentence about the template, a volume or the adapter; a usage error from the options of volumes.
@@ -52,6 +53,7 @@ impl Stage {
         template: &Path,
         volumes: &volumes::Arguments,
         adapter: &AdapterChoice,
+        styles: Option<&PathBuf>,
         matches: &ArgMatches,
         progress: &Progress,
     ) -> Result<Self> {
@@ -63,7 +65,7 @@ impl Stage {
         for warning in sources.warnings() {
             say!("warning: {warning}");
         }
-        let (scene, _) = bridge::scene(&template, &sources, &super::styles::wardrobe(None)?, progress)?;
+        let (scene, _) = bridge::scene(&template, &sources, &super::styles::wardrobe(styles)?, progress)?;
         Ok(Self { template, scene, renderer })
     }
 
@@ -178,6 +180,14 @@ pub fn check_writable(path: &Path) -> Result<()> {
 pub fn save_text(path: &Path, text: &str) -> Result<()> {
     use std::io::Write as _;
     Ok(save_atomic(path, |file| file.write_all(text.as_bytes()).map_err(|e| Error::io(path, &e)))?)
+}
+
+/// Writes a picture as NumPy's `.npy`, whole or not at all: float32 (height, width, 4), premultiplied linear RGBA, row 0 = top.
+///
+/// # Errors
+/// One sentence with the path.
+pub fn save_npy(path: &Path, [width, height]: [u32; 2], pixels: &[[f32; 4]]) -> Result<()> {
+    Ok(save_atomic(path, |file| write_npy(file, width, height, pixels).map_err(|e| Error::io(path, &e)))?)
 }
 
 #[cfg(test)]
