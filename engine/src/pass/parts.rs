@@ -130,17 +130,21 @@ enum Order {
     Overlap,
 }
 
+/// A cell as it lies.
+struct Placed {
+    hull: Polyhedron,
+    /// What it is behind: its faces, and the planes of all cuts that led to it.
+    planes: Vec<Plane>,
+}
+
 /// By the planes of both: a ray goes from the eye's side of a plane that separates them to the other. Where two such planes say
 /// different things, no ray meets both.
-fn order(a: &Polyhedron, b: &Polyhedron, view: &View<'_>, tiny: f64) -> Order {
+fn order(a: &Placed, b: &Placed, view: &View<'_>, tiny: f64) -> Order {
     let (mut is_apart, mut first, mut second) = (false, false, false);
     for (own, other, swapped) in [(a, b, false), (b, a, true)] {
-        for facet in &own.facets {
-            if other.heights(&facet.plane).0 < -tiny {
-                continue;
-            }
+        for plane in own.planes.iter().filter(|plane| other.hull.heights(plane).0 >= -tiny) {
             is_apart = true;
-            let side = view.side(&facet.plane);
+            let side = view.side(plane);
             // In front of the plane is `other`.
             let other_first = side > 0.0;
             if side != 0.0 {
@@ -160,13 +164,8 @@ fn order(a: &Polyhedron, b: &Polyhedron, view: &View<'_>, tiny: f64) -> Order {
 }
 
 /// Positions of cells, so that each comes before those behind it. None where some overlap, or each of several is behind another.
-fn front_to_back(
-    hulls: &[Polyhedron],
-    outlines: &[Option<Vec<DVec2>>],
-    view: &View<'_>,
-    tiny: f64,
-) -> Option<Vec<usize>> {
-    let n = hulls.len();
+fn front_to_back(placed: &[Placed], outlines: &[Option<Vec<DVec2>>], view: &View<'_>, tiny: f64) -> Option<Vec<usize>> {
+    let n = placed.len();
     let mut behind = vec![Vec::new(); n];
     let mut waits_for = vec![0usize; n];
     for a in 0..n {
@@ -176,7 +175,7 @@ fn front_to_back(
             {
                 continue;
             }
-            let (near, far) = match order(&hulls[a], &hulls[b], view, tiny) {
+            let (near, far) = match order(&placed[a], &placed[b], view, tiny) {
                 Order::First => (a, b),
                 Order::Second => (b, a),
                 Order::Either => continue,
@@ -257,16 +256,23 @@ impl PartLists {
     pub fn new(object: &Object, camera: &Camera, size: [u32; 2]) -> Option<Self> {
         let cells = object.parts.cells(&object.volume.grid)?;
         let view = View { camera, size };
-        let hulls: Vec<Polyhedron> = cells.iter().map(|cell| cell.bounds.moved(&cell.pose)).collect();
+        let place = |cell: &Cell| {
+            let hull = cell.bounds.moved(&cell.pose);
+            let planes = hull.facets.iter().map(|facet| facet.plane);
+            let planes = planes.chain(cell.behind.iter().map(|plane| plane.moved(&cell.pose))).collect();
+            Placed { hull, planes }
+        };
+        let placed: Vec<Placed> = cells.iter().map(place).collect();
         let others: Vec<[DVec3; 8]> =
             object.bodies()[1..].iter().map(|body| bodies::corners_mm(object, body)).collect();
-        let of_cells = hulls.iter().map(|hull| view.outline(hull.corners()));
+        let of_cells = placed.iter().map(|p| view.outline(p.hull.corners()));
         let outlines: Vec<_> =
             of_cells.chain(others.iter().map(|corners| view.outline(corners.iter().copied()))).collect();
         let corners: Vec<DVec3> =
-            hulls.iter().flat_map(Polyhedron::corners).chain(others.into_iter().flatten()).collect();
+            placed.iter().flat_map(|p| p.hull.corners()).chain(others.into_iter().flatten()).collect();
         let sphere = if corners.is_empty() { (camera.eye_mm + camera.forward, 0.5) } else { sphere_around(&corners) };
-        let sorted = front_to_back(&hulls, &outlines, &view, 1e-9 * sphere.1).filter(|_| outlines.len() == cells.len());
+        let sorted =
+            front_to_back(&placed, &outlines, &view, 1e-9 * sphere.1).filter(|_| outlines.len() == cells.len());
         let side_by_side = sorted.is_none();
         let edge = TILE.max(size[0].max(size[1]).div_ceil(MAX_TILES));
         let tiles = size.map(|n| n.div_ceil(edge) as usize);

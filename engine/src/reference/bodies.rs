@@ -177,12 +177,19 @@ pub struct Interval {
     pub bodies: Vec<usize>,
 }
 
+/// What is shorter than that, as a share of its distance, is no stretch of a ray.
+const TINY: f64 = 1e-12;
+
 /// The stretches of a ray that are in a body, front to back.
 pub fn intervals(bodies: &[PreparedBody<'_>], ray: &Ray) -> Vec<Interval> {
     let spans: Vec<Option<(f64, f64)>> = bodies.iter().map(|body| body.span(ray)).collect();
     let mut events: Vec<f64> = spans.iter().flatten().flat_map(|(t0, t1)| [*t0, *t1]).collect();
     events.sort_by(f64::total_cmp);
     let between = |pair: &[f64]| {
+        // Neighbors have one face, but for rounding.
+        if pair[1] - pair[0] < TINY * pair[1].abs() {
+            return None;
+        }
         let middle = pair[0].midpoint(pair[1]);
         let is_here = |span: &Option<(f64, f64)>| span.is_some_and(|(t0, t1)| t0 < middle && middle < t1);
         let bodies: Vec<usize> = (0..spans.len()).filter(|i| is_here(&spans[*i])).collect();

@@ -54,6 +54,8 @@ pub struct Cell {
     pub pose: DAffine3,
     /// Its bounds at rest, world mm; faces of cuts have a `cut`, the others are the volume's own.
     pub bounds: Polyhedron,
+    /// The planes of all cuts that led to it, those that it does not reach as well: it is behind each.
+    pub behind: Vec<Plane>,
     /// Of each of its facets, whether something else or nothing is behind it: a face that is seen.
     pub open: Vec<bool>,
 }
@@ -81,7 +83,7 @@ impl Parts {
         if self.list.is_empty() {
             return None;
         }
-        let mut leaves = vec![Leaf { bounds: whole(grid), part: 0 }];
+        let mut leaves = vec![Leaf { bounds: whole(grid), part: 0, behind: Vec::new() }];
         // What was there before each cut, so that cuts can be taken back.
         let mut before = Vec::with_capacity(self.cuts.len());
         for (i, cut) in self.cuts.iter().enumerate() {
@@ -91,12 +93,14 @@ impl Parts {
                 leaves[at].bounds.behind(&cut.plane.flipped(), Some(i)),
             );
             before.push((i, leaves[at].clone()));
+            let of_front: Vec<Plane> = leaves[at].behind.iter().copied().chain([cut.plane.flipped()]).collect();
+            leaves[at].behind.push(cut.plane);
             // A part that a cut misses is empty.
             match behind {
                 Some(bounds) => leaves[at].bounds = bounds,
                 None => drop(leaves.remove(at)),
             }
-            leaves.extend(front.map(|bounds| Leaf { bounds, part: i + 1 }));
+            leaves.extend(front.map(|bounds| Leaf { bounds, part: i + 1, behind: of_front }));
         }
         // The last cut is the first whose two sides are still whole parts.
         for (i, whole) in before.into_iter().rev() {
@@ -114,12 +118,19 @@ impl Parts {
             if is_drawn_alike && is_uncut(behind, plane) && is_uncut(front, plane.flipped()) {
                 let (Some(a), Some(b)) = (behind, front) else { continue };
                 leaves[a].bounds = whole.bounds;
+                leaves[a].behind = whole.behind;
                 leaves.remove(b);
             }
         }
         let drawn = leaves.into_iter().filter(|leaf| !self.list[leaf.part].hidden);
-        let mut cells: Vec<Cell> =
-            drawn.map(|leaf| Cell { pose: self.list[leaf.part].pose, open: Vec::new(), bounds: leaf.bounds }).collect();
+        let mut cells: Vec<Cell> = drawn
+            .map(|leaf| Cell {
+                pose: self.list[leaf.part].pose,
+                open: Vec::new(),
+                bounds: leaf.bounds,
+                behind: leaf.behind,
+            })
+            .collect();
         divide(&mut cells);
         open(&mut cells);
         let is_whole =
@@ -144,6 +155,7 @@ impl Part {
 #[derive(Clone, Debug)]
 struct Leaf {
     bounds: Polyhedron,
+    behind: Vec<Plane>,
     part: usize,
 }
 
@@ -187,8 +199,10 @@ fn divide(cells: &mut Vec<Cell>) {
         };
         let cell = cells[i].clone();
         // Closed, as what it divides lies together.
+        let number = Some(usize::MAX - cells.len());
         let half = |plane: &Plane| {
-            Some(Cell { bounds: cell.bounds.behind(plane, Some(usize::MAX - cells.len()))?, ..cell.clone() })
+            let behind = cell.behind.iter().copied().chain([*plane]).collect();
+            Some(Cell { bounds: cell.bounds.behind(plane, number)?, behind, ..cell.clone() })
         };
         let (Some(a), Some(b)) = (half(&plane), half(&plane.flipped())) else {
             i += 1;

@@ -46,6 +46,13 @@ impl Plane {
         self.normal.dot(point) - self.offset
     }
 
+    /// Where it lies under an affine map.
+    #[must_use]
+    pub fn moved(&self, pose: &glam::DAffine3) -> Self {
+        let normal = (pose.matrix3.inverse().transpose() * self.normal).normalize_or(self.normal);
+        Self { normal, offset: normal.dot(pose.transform_point3(self.offset * self.normal)) }
+    }
+
     /// The same points, seen from behind.
     #[must_use]
     pub fn flipped(&self) -> Self {
@@ -147,15 +154,12 @@ impl Polyhedron {
     /// Where it lies under an affine map.
     #[must_use]
     pub fn moved(&self, pose: &glam::DAffine3) -> Self {
-        let normals = pose.matrix3.inverse().transpose();
         let facets = self.facets.iter().map(|facet| {
             let mut corners: Vec<DVec3> = facet.corners.iter().map(|corner| pose.transform_point3(*corner)).collect();
             if pose.matrix3.determinant() < 0.0 {
                 corners.reverse();
             }
-            let normal = (normals * facet.plane.normal).normalize_or(facet.plane.normal);
-            let plane = Plane { normal, offset: normal.dot(corners[0]) };
-            Facet { plane, cut: facet.cut, corners }
+            Facet { plane: facet.plane.moved(pose), cut: facet.cut, corners }
         });
         let scale = pose.matrix3.to_cols_array().into_iter().map(f64::abs).fold(0.0, f64::max);
         Self { facets: facets.collect(), tiny: self.tiny * scale.max(1.0) }
