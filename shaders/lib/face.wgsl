@@ -13,7 +13,10 @@ fn face_normal(p: vec3f, pose: Pose) -> vec4f {
     let world = turned(at_rest, pose);
 #if parts
     let of_volume = vec4f(world / max(length(world), 1e-30), max(weight.x, max(weight.y, weight.z)));
-    return joined_faces(joined_faces(of_volume, wall_face(p, pose.enter)), wall_face(p, pose.leave));
+    let enter = wall_face(p, pose.enter);
+    // Of a sliver the face is seen that is in front.
+    let leave = wall_face(p, pose.leave) * vec4f(1.0, 1.0, 1.0, 1.0 - enter.w);
+    return joined_faces(joined_faces(of_volume, enter), leave);
 }
 
 // The same of a wall that cuts a part off.

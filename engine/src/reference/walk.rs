@@ -209,7 +209,11 @@ impl<'a> Line<'a> {
             let behind = (t - at).abs() * normal.dot(self.ray.direction).abs() / self.body.spacing_mm;
             Face { normal: *normal, weight: 1.0 - smoothstep(0.5, 1.0, behind) }
         };
-        self.walls.iter().flatten().map(of_wall).fold(of_volume, joined)
+        let none = Face { normal: DVec3::ZERO, weight: 0.0 };
+        let [enter, leave] = self.walls.map(|wall| wall.as_ref().map_or(none, of_wall));
+        // Of a sliver the face is seen that is in front.
+        let leave = Face { weight: leave.weight * (1.0 - enter.weight), ..leave };
+        joined(joined(of_volume, enter), leave)
     }
 
     /// ĝ of a slope, as the body lies.

@@ -52,11 +52,13 @@ pub const SHIPPED: &[Shipped] = &[
     shipped!("head_importance", "A 2-D function: structures in looks by what they are to tell"),
     shipped!("head_brain_out", "A selection that was moved: the brain above the place it left"),
     shipped!("head_jaw", "A selection that meets its ghost: the jaw in green, where it was in red, both in blue"),
+    shipped!("head_opened", "An object in parts: a piece of the skull, cut out and lifted"),
     shipped!("turtle", "CT in HU: bones and organs within a shell of amber"),
     shipped!("turtle_stippled", "CT in HU: skin and shell in dots of ink"),
     shipped!("engine", "Industrial CT: glass castings around brass"),
     shipped!("engine_lines", "Industrial CT: the same glass, with drawn edges"),
     shipped!("engine_steel", "Industrial CT: a solid of steel, with fine lines"),
+    shipped!("engine_exploded", "An object in parts: an engine in five slices, with its pistons cut"),
     shipped!("abdomen_organs", "A label map: organs in looks by value, hollow ones open", ABDOMEN),
     shipped!("abdomen_selection", "A label map: one organ in color, the others in plaster", ABDOMEN),
 ];
