@@ -709,7 +709,7 @@ mod tests {
         // It is an array to the reader of volumes as well.
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.npy");
-        std::fs::write(&path, &bytes).unwrap();
+        fs::write(&path, &bytes).unwrap();
         let read = crate::read::read_volume(&path, &Default::default(), &crate::Progress::new()).unwrap();
         assert_eq!(read.grid.dims(), [4, 3, 2]);
         assert_eq!(write_npy(&mut bytes, 3, 3, &pixels).unwrap_err().kind(), io::ErrorKind::InvalidInput);
