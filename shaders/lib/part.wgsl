@@ -9,7 +9,7 @@ const CELL_TEXELS: u32 = 9u;
 const WALL_TEXELS: u32 = 3u;
 // What a cell takes of a pass beside its pieces, in pieces: its walls.
 const UNITS_PER_CELL: u32 = 8u;
-const FAR: f32 = 3e38;
+const UNBOUNDED: f32 = 3e38;
 
 // A cell as a ray goes through it: where it begins in index space, its change per mm, and where it is inside, mm.
 struct Through {
@@ -43,8 +43,8 @@ fn list_of(pixel: vec2u) -> vec2u {
 
 // The walls of which the first is at texel `first`.
 fn between_walls(first: u32, num_walls: u32, ray: Ray) -> Between {
-    let nothing = Wall(vec3f(0.0), vec4f(0.0, 0.0, 0.0, FAR));
-    var found = Between(vec2f(-FAR, FAR), nothing, nothing);
+    let nothing = Wall(vec3f(0.0), vec4f(0.0, 0.0, 0.0, UNBOUNDED));
+    var found = Between(vec2f(-UNBOUNDED, UNBOUNDED), nothing, nothing);
     let behind = first + WALL_TEXELS * num_walls;
     var i = first;
     loop {
@@ -57,7 +57,7 @@ fn between_walls(first: u32, num_walls: u32, ray: Ray) -> Between {
         let height = plane.w + dot(ray.screen, across.xy);
         let rise = dot(plane.xyz, ray.world_direction);
         let parallel = abs(rise) < 1e-12;
-        let t = select(-height / select(rise, 1.0, parallel), select(-FAR, FAR, height > 0.0), parallel);
+        let t = select(-height / select(rise, 1.0, parallel), select(-UNBOUNDED, UNBOUNDED, height > 0.0), parallel);
         let enters = is_wall && (rise < 0.0 || parallel) && t > found.span.x;
         let leaves = is_wall && rise > 0.0 && !parallel && t < found.span.y;
         if enters {

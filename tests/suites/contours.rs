@@ -154,7 +154,7 @@ fn defects_of_contours_are_noticed() {
     let in_ink = |name, patch| notices(&ink, SIZE, name, patch);
     in_ink("a lag behind in place of before", |t| replace(&t, "steps) - lag)", "steps) + lag)"));
     in_ink("a lag of half the length", |t| {
-        replace(&t, "object.reference_length / step;", "0.5 * object.reference_length / step;")
+        replace(&t, "object.reference_length / march.step_mm;", "0.5 * object.reference_length / march.step_mm;")
     });
     in_ink("a width in pixels", |t| replace(&t, "function.contour_pt * frame.pixels_per_pt", "function.contour_pt"));
     in_ink("an edge that is not smoothed", |t| replace(&t, "/ pixel_mm + 0.5", "/ pixel_mm * 1e6 + 0.5"));

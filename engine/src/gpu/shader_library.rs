@@ -198,7 +198,7 @@ impl RaycastKey {
             std::iter::once(key).chain(rowed)
         });
         let with_parts = |key: &Self| {
-            !key.bodies
+            !key.meetings
                 && key.filtered
                 && key.table_filtered
                 && !key.no_data
