@@ -438,7 +438,9 @@ fn parts(template: &PartsTemplate, grid: &Grid, center_mm: DVec3, radius_mm: f64
         .bounds(grid)
         .iter()
         .enumerate()
-        .map(|(i, bounds)| template.part(i).pose(bounds.as_ref().map_or(center_mm, Polyhedron::middle), radius_mm))
+        .map(|(i, bounds)| {
+            template.part(i).as_move().pose(bounds.as_ref().map_or(center_mm, Polyhedron::middle), radius_mm)
+        })
         .collect();
     parts.list.iter_mut().zip(poses).for_each(|(part, pose)| part.pose = pose);
     parts

@@ -71,16 +71,16 @@ pub struct MeetingTemplate {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MeetingStrength(pub Arc<Strength>);
 
-fn one() -> f64 {
+pub(super) fn one() -> f64 {
     1.0
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
-fn is_one(n: &f64) -> bool {
+pub(super) fn is_one(n: &f64) -> bool {
     *n == 1.0
 }
 
-fn is_zero(v: &[f64; 3]) -> bool {
+pub(super) fn is_zero(v: &[f64; 3]) -> bool {
     *v == [0.0; 3]
 }
 

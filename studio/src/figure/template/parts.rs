@@ -2,12 +2,13 @@
 
 use anyhow::{Result, bail};
 use fabrica_engine::scene::parts::MAX_PARTS;
-use glam::{DAffine3, DVec3};
+use glam::DVec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::MoveTemplate;
+use super::moved::{is_one, is_zero, one};
 
 /// How an object is cut into convex parts, and where these lie.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -64,22 +65,9 @@ pub struct PartTemplate {
     pub extra: Map<String, Value>,
 }
 
-fn one() -> f64 {
-    1.0
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
-fn is_one(n: &f64) -> bool {
-    *n == 1.0
-}
-
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
 fn is_false(b: &bool) -> bool {
     !*b
-}
-
-fn is_zero(v: &[f64; 3]) -> bool {
-    *v == [0.0; 3]
 }
 
 impl Default for PartTemplate {
@@ -89,11 +77,9 @@ impl Default for PartTemplate {
 }
 
 impl PartTemplate {
-    /// M, of the world (RAS mm) into itself. `center_mm`: the middle of the box around the part at rest; `radius_mm`: what offsets are
-    /// relative to.
-    pub fn pose(&self, center_mm: DVec3, radius_mm: f64) -> DAffine3 {
-        let moved = MoveTemplate { offset: self.offset, turn: self.turn, scale: self.scale, ..MoveTemplate::default() };
-        moved.pose(center_mm, radius_mm)
+    /// Where it was moved to, as a region is.
+    pub fn as_move(&self) -> MoveTemplate {
+        MoveTemplate { offset: self.offset, turn: self.turn, scale: self.scale, ..MoveTemplate::default() }
     }
 }
 
@@ -143,18 +129,7 @@ impl PartsTemplate {
             }
         }
         for (i, part) in self.list.iter().enumerate() {
-            let all = [part.offset, part.turn].concat();
-            if !all.iter().all(|n| n.is_finite()) || !part.scale.is_finite() {
-                bail!("\"{}\" of {whose} is moved by something that is no number", self.title(i));
-            }
-            let (least, most) = super::SCALES;
-            if !(least..=most).contains(&part.scale) {
-                bail!(
-                    "\"{}\" of {whose} has a scale of {}; give one from {least} to {most}",
-                    self.title(i),
-                    part.scale
-                );
-            }
+            part.as_move().check(&format!("\"{}\" of {whose}", self.title(i)))?;
         }
         Ok(())
     }
@@ -181,11 +156,15 @@ mod tests {
             (with(vec![cut(1, [0.0; 3])], vec![]), "cut 1 of the object \"head\" has no plane"),
             (
                 with(vec![cut(1, x)], vec![PartTemplate { scale: 0.0, ..PartTemplate::default() }]),
-                "\"part 1\" of the object \"head\" has a scale of 0; give one from 0.01 to 100",
+                "\"part 1\" of the object \"head\" is scaled by 0; give a factor from 0.01 to 100",
             ),
             (
                 with(vec![], vec![PartTemplate { offset: [f64::NAN; 3], ..PartTemplate::default() }]),
                 "is moved by something that is no number",
+            ),
+            (
+                with(vec![], vec![PartTemplate { offset: [1e9, 0.0, 0.0], ..PartTemplate::default() }]),
+                "is moved by more than 1000 radii",
             ),
         ] {
             let said = said(parts);
