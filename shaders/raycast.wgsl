@@ -1,4 +1,4 @@
-// The raycaster: one object, nothing of it moved, into a tile of the picture.
+// The raycaster: one object, whole or its parts one after the other, into a tile of the picture.
 // Result: premultiplied linear RGBA in f32, background not included.
 //
 // Structure (nested loops, because a software adapter runs both sides of every `if` but ends loops early): A leaps over
@@ -27,7 +27,9 @@
 #import lib/cut_face
 #end
 #if parts
-#import lib/part
+#import {through}
+#else
+#import lib/covered
 #end
 
 @vertex
@@ -58,9 +60,11 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let span = intersect_box(ray.origin, ray.direction, vec3f(-0.5), object.box_max);
     let march = march_of(ray, axes, ray.origin, ray.direction, span.x, Pose(0u));
     let steps = (span.y - span.x) / march.step_mm;
-    let count = min(num_pieces(steps), frame.pieces.y);
-    let walked = count - min(frame.pieces.x, count);
-    var k = select(frame.pieces.x, count, 1.0 - accumulated.a < frame.termination);
+    let all = min(num_pieces(steps), frame.pieces.y);
+    let walked = all - min(frame.pieces.x, all);
+    let covered = covered_pieces(pixel, ray, span.x, march.step_mm, all);
+    let count = covered.y;
+    var k = select(max(frame.pieces.x, covered.x), count, 1.0 - accumulated.a < frame.termination);
 #end
     // What is left for looks beyond one a part, so that a software adapter never ends the loops by itself.
 #if regions
@@ -120,7 +124,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             candidates = may_show(kind, front, back);
             visible = known && candidates != 0u;
 #else
-            visible = known && classify_piece(only_function(), front, back).extinction > 0.0;
+            visible = known && functions_between(front, back) != 0u;
 #end
 #if alpha
             back_alpha = sample_color(colors, march.first + boundary * march.stride).a;
@@ -162,11 +166,10 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 #if functions
         // What a look shows of a piece does not depend on what others show of it.
         let shows = layers_that_show(candidates, front, back);
-        let num_parts = select(0u, num_pieces(length_k * f32(PARTS)), shows != 0u);
 #else
-        let shows = 1u;
-        let num_parts = num_pieces(length_k * f32(PARTS));
+        let shows = u32(classify_piece(only_function(), front, back).extinction > 0.0);
 #end
+        let num_parts = select(0u, num_pieces(length_k * f32(PARTS)), shows != 0u);
 #if cuts
         let cut = cut_face(march.first + piece_middle(k, steps) * march.stride, front, back, shows, march.pose);
 #else
@@ -207,7 +210,7 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
 #end
                 let found = seen(stretch, march, shows, cut);
                 let opacity = opacity_correct(found.alpha, exponent * (place - before) * share);
-                accumulated = composite(accumulated, found.style, select(opacity, 0.0, j == 0u));
+                accumulated = composite(accumulated, found.style, select(opacity, 0.0, j == 0u || shows == 0u));
                 i += 1u;
                 if 1.0 - accumulated.a < frame.termination {
                     accumulated /= accumulated.a;
@@ -220,12 +223,8 @@ fn fs_raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             if j > num_parts || ended { break; }
         }
         if ended { break; }
-#if functions
         // Of a piece that shows nothing after all, no boundary was looked at.
         met = shows != 0u;
-#else
-        met = true;
-#end
         front = back;
 #if alpha
         front_alpha = back_alpha;

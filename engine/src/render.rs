@@ -1,6 +1,8 @@
 //! From a scene to pixels: tiles on the adapter, bands of rows to whoever wants them, so that a picture of any size
 //! needs the memory of a band. Tiled equals untiled bit for bit: a tile knows its place in the whole picture.
 
+use std::time::Instant;
+
 use crate::error::{Error, Result};
 use crate::gpu::context::{GpuContext, TARGET_FORMAT};
 use crate::gpu::regions::ResidentRegions;
@@ -26,6 +28,9 @@ pub struct FloatImage {
 pub struct RenderOptions {
     /// Largest edge of a tile in pixels. Tiles are what progress, cancellation and a driver's patience count.
     pub tile: u32,
+    /// How long the adapter may work on a tile, ms: tiles are made as small as that takes, by how long others took. Nothing smaller
+    /// than [`SMALLEST_TILE`], and not at once: the first of a picture that is harder than the last one's take longer.
+    pub tile_ms: f64,
     /// Leap over empty bricks; off only in tests and measurements.
     pub skip_empty: bool,
     /// Draw only every `stride`-th pixel, across and down, from the one in the middle of the first `stride` on: a sample
@@ -35,7 +40,7 @@ pub struct RenderOptions {
 
 impl Default for RenderOptions {
     fn default() -> Self {
-        Self { tile: 256, skip_empty: true, stride: 1 }
+        Self { tile: 1024, tile_ms: 60.0, skip_empty: true, stride: 1 }
     }
 }
 
@@ -70,9 +75,21 @@ pub struct Renderer {
     /// Those of the object that was drawn last, for each kind of borders that it was drawn with.
     regions: [Option<ResidentRegions>; 2],
     raycast: RaycastPass,
+    /// How long a pixel took of the tile that took longest, of the last picture, ms.
+    pixel_ms: Option<f64>,
 }
 
+/// The smallest edge that tiles get for taking long.
+pub const SMALLEST_TILE: u32 = 16;
+/// Pixels of the first tiles of all.
+const FIRST_PIXELS: f64 = 16384.0;
+/// Heights are multiples of this where they are as large: what software adapters share out among processors.
+const TILE_STEP: u32 = 64;
+/// Bytes of a band, whatever its tiles take.
+const BAND_BYTES: u64 = 64 << 20;
+
 struct TileSlot {
+    edges: [u32; 2],
     target: (wgpu::Texture, wgpu::TextureView),
     /// What rays that take more than one pass are gathered in, by turns with `target`.
     other: Option<(wgpu::Texture, wgpu::TextureView)>,
@@ -87,12 +104,19 @@ struct Place {
     size: [u32; 2],
     /// See [`RenderOptions::stride`].
     stride: u32,
-    /// Largest edge of a tile, and the band's first row, in pixels of the sample.
-    edge: u32,
+    /// Width of a tile at most, and the band's first row, in pixels of the sample.
+    columns: u32,
     y: u32,
 }
 
+/// A tile that is done.
+struct Drawn {
+    asked: Instant,
+    pixels: u32,
+}
+
 struct Pending {
+    asked: Instant,
     x: u32,
     size: [u32; 2],
     mapped: std::sync::mpsc::Receiver<std::result::Result<(), wgpu::BufferAsyncError>>,
@@ -104,13 +128,13 @@ impl Renderer {
     /// A renderer on an open adapter.
     pub fn new(context: GpuContext) -> Self {
         let raycast = RaycastPass::new(&context, None);
-        Self { context, volumes: ResidentVolumes::default(), regions: Default::default(), raycast }
+        Self { context, volumes: ResidentVolumes::default(), regions: Default::default(), raycast, pixel_ms: None }
     }
 
     /// A renderer whose shader texts go through `patch`: tests plant defects with it.
     pub fn with_patched_shaders(context: GpuContext, patch: ShaderPatch) -> Self {
         let raycast = RaycastPass::new(&context, Some(patch));
-        Self { context, volumes: ResidentVolumes::default(), regions: Default::default(), raycast }
+        Self { context, volumes: ResidentVolumes::default(), regions: Default::default(), raycast, pixel_ms: None }
     }
 
     /// The adapter that it draws with.
@@ -153,13 +177,13 @@ impl Renderer {
                 // Rows of transfer functions and bodies have looks, which a list of no regions has room for as well.
                 let needs_looks = object.has_rows() || parts.as_ref().is_some_and(|parts| parts.side_by_side);
                 let regions = self.resident_regions(object, borders, needs_looks, progress)?;
-                let picture = Picture { parts: parts.as_ref(), skip_empty: options.skip_empty };
+                let picture = Picture { parts: parts.as_ref(), skip_empty: options.skip_empty, size, stride };
                 let prepared = self.raycast.prepare(&self.context, scene, object, &resident, regions.as_ref(), picture);
                 self.regions[borders as usize] = regions;
                 let prepared = prepared?;
                 report.pipeline = prepared.key.to_string();
                 let parts = &object.parts.list;
-                if !parts.is_empty() && parts.iter().all(|part| part.hidden) {
+                if !parts.is_empty() && parts.iter().all(|part| part.hidden) && object.bodies().len() == 1 {
                     report.warnings.push(format!("the picture is empty: all {} parts are hidden", parts.len()));
                 } else if object.shows_nothing() {
                     let (low, high) = object.data_range();
@@ -174,36 +198,54 @@ impl Renderer {
                 Some(prepared)
             }
         };
-        let edge = options.tile.clamp(1, self.context.device.limits().max_texture_dimension_2d);
-        let tiles = u64::from(width.div_ceil(edge)) * u64::from(height.div_ceil(edge));
-        progress.begin("rendering", tiles);
-        let mut slots = match object {
-            None => Vec::new(),
-            // Two: one is drawn while the other is read.
-            Some(_) => {
-                let several = object.as_ref().is_some_and(|o| o.num_passes > 1);
-                (0..2.min(tiles)).map(|_| self.tile_slot(edge.min(width), edge.min(height), several)).collect()
-            }
-        };
-        let mut rows = vec![[0.0f32; 4]; width as usize * edge.min(height) as usize];
-        for y in (0..height).step_by(edge as usize) {
-            let num_rows = edge.min(height - y);
-            let band_pixels = &mut rows[..width as usize * num_rows as usize];
+        let most = options.tile.clamp(1, self.context.device.limits().max_texture_dimension_2d);
+        let most = most.min((BAND_BYTES / u64::from(width * BYTES_PER_PIXEL)).max(u64::from(SMALLEST_TILE)) as u32);
+        progress.begin("rendering", u64::from(width) * u64::from(height));
+        let mut slots: Vec<TileSlot> = Vec::new();
+        let mut rows = Vec::new();
+        let (mut y, mut slowest) = (0, 0.0f64);
+        while y < height {
+            let edges = self.tile_edges(options, [width.min(most), height.min(most)]);
+            let num_rows = edges[1].min(height - y);
+            rows.resize(width as usize * num_rows as usize, [0.0f32; 4]);
             match &object {
                 None => {
-                    band_pixels.fill([0.0; 4]);
-                    progress.advance(u64::from(width.div_ceil(edge)))?;
+                    rows.fill([0.0; 4]);
+                    progress.advance(rows.len() as u64)?;
                 }
                 Some(object) => {
+                    if slots.first().is_none_or(|slot| slot.edges != edges) {
+                        // Two: one is drawn while the other is read.
+                        slots = (0..2).map(|_| self.tile_slot(edges, object.num_passes > 1)).collect();
+                    }
                     let frame = self.raycast.frame(scene, object, size);
-                    let place = Place { size, stride, edge, y };
-                    self.draw_band(object, frame, &mut slots, place, band_pixels, progress)?;
+                    let place = Place { size, stride, columns: edges[0], y };
+                    let pixel_ms = self.draw_band(object, frame, &mut slots, place, &mut rows, progress)?;
+                    slowest = slowest.max(pixel_ms);
+                    self.pixel_ms = Some(pixel_ms);
                 }
             }
-            put_over(scene.background, band_pixels);
-            band(band_pixels)?;
+            put_over(scene.background, &mut rows);
+            band(&rows)?;
+            y += num_rows;
+        }
+        if object.is_some() {
+            self.pixel_ms = Some(slowest);
         }
         Ok(report)
+    }
+
+    /// The edges of tiles, `most` at most, that take as long as they may, if their pixels take what others took. As wide as that goes:
+    /// software adapters share squares of 64 pixels out among processors.
+    fn tile_edges(&self, options: &RenderOptions, most: [u32; 2]) -> [u32; 2] {
+        let pixels = match self.pixel_ms {
+            _ if options.tile_ms == f64::INFINITY => f64::INFINITY,
+            None => FIRST_PIXELS,
+            Some(pixel_ms) => options.tile_ms / pixel_ms.max(1e-9),
+        };
+        let rows = ((pixels / f64::from(most[0])) as u32).max(SMALLEST_TILE);
+        let columns = ((pixels / f64::from(rows)) as u32).max(SMALLEST_TILE);
+        [columns.min(most[0]), if rows > TILE_STEP { rows - rows % TILE_STEP } else { rows }.min(most[1])]
     }
 
     /// [`Renderer::render_bands`] into memory.
@@ -250,7 +292,8 @@ impl Renderer {
         Ok(Some(ResidentRegions::upload(&self.context, size, &object.regions, borders, progress)?))
     }
 
-    fn tile_slot(&self, width: u32, height: u32, several_passes: bool) -> TileSlot {
+    fn tile_slot(&self, edges: [u32; 2], several_passes: bool) -> TileSlot {
+        let [width, height] = edges;
         let target = || {
             self.context.device.create_texture(&wgpu::TextureDescriptor {
                 label: Some("tile"),
@@ -276,26 +319,38 @@ impl Renderer {
             usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
             mapped_at_creation: false,
         });
-        TileSlot { target, other, buffer, pending: None }
+        TileSlot { edges, target, other, buffer, pending: None }
     }
 
+    /// Draws a band. Gives back how long a pixel took of the tile that took longest, ms.
     fn draw_band(
         &self,
         object: &RaycastObject,
         frame: FrameUniform,
         slots: &mut [TileSlot],
-        Place { size, stride, edge, y }: Place,
+        Place { size, stride, columns, y }: Place,
         band: &mut [[f32; 4]],
         progress: &Progress,
-    ) -> Result<()> {
-        let [width, height] = sampled_size(size, stride);
+    ) -> Result<f64> {
+        let [width, _] = sampled_size(size, stride);
         let num_slots = slots.len();
-        for (i, x) in (0..width).step_by(edge as usize).enumerate() {
-            let slot = &mut slots[i % num_slots];
-            self.collect(slot, width, band, progress)?;
-            let tile = [edge.min(width - x), edge.min(height - y)];
+        let (mut slowest, mut free) = (0.0f64, Instant::now());
+        // Tiles are drawn one after the other: one begins when it is asked for or the one before it is done.
+        let mut took = |tile: Option<Drawn>| {
+            let Some(Drawn { asked, pixels }) = tile else { return };
+            let begun = asked.max(free);
+            free = Instant::now();
+            slowest = slowest.max((free - begun).as_secs_f64() * 1e3 / f64::from(pixels));
+        };
+        let mut next = 0;
+        let rows = band.len() as u32 / width;
+        for x in (0..width).step_by(columns as usize) {
+            let slot = &mut slots[next];
+            took(self.collect(slot, width, band, progress)?);
+            let tile = [columns.min(width - x), rows];
             let first = [0, 1].map(|i| [x, y][i] * stride + offset(size[i], stride));
             let frame = frame.for_tile(first, stride);
+            let asked = Instant::now();
             let mut encoder = self.context.device.create_command_encoder(&Default::default());
             self.raycast.draw(&self.context, &mut encoder, object, frame, &slot.target.1, tile, None);
             for pass in 1..object.num_passes {
@@ -329,17 +384,25 @@ impl Renderer {
                 // The receiver is gone only when the picture was given up.
                 let _ = sender.send(result);
             });
-            slot.pending = Some(Pending { x, size: tile, mapped });
+            slot.pending = Some(Pending { asked, x, size: tile, mapped });
+            next = (next + 1) % num_slots;
         }
-        for slot in slots {
-            self.collect(slot, width, band, progress)?;
+        // The oldest first.
+        for i in 0..num_slots {
+            took(self.collect(&mut slots[(next + i) % num_slots], width, band, progress)?);
         }
-        Ok(())
+        Ok(slowest)
     }
 
     /// Waits for the tile in `slot`, if any, and copies it into its band.
-    fn collect(&self, slot: &mut TileSlot, width: u32, band: &mut [[f32; 4]], progress: &Progress) -> Result<()> {
-        let Some(pending) = slot.pending.take() else { return Ok(()) };
+    fn collect(
+        &self,
+        slot: &mut TileSlot,
+        width: u32,
+        band: &mut [[f32; 4]],
+        progress: &Progress,
+    ) -> Result<Option<Drawn>> {
+        let Some(pending) = slot.pending.take() else { return Ok(None) };
         let lost = |why: String| Error::gpu(format!("the adapter stopped while drawing: {why}"), "try again");
         loop {
             match pending.mapped.try_recv() {
@@ -370,7 +433,9 @@ impl Renderer {
             }
         }
         slot.buffer.unmap();
-        progress.advance(1)
+        let pixels = tile_width * tile_height;
+        progress.advance(u64::from(pixels))?;
+        Ok(Some(Drawn { asked: pending.asked, pixels }))
     }
 }
 

@@ -24,7 +24,8 @@ struct Frame {
     // Pixels in a figure point.
     pixels_per_pt: f32,
     up: vec3f,
-    pad0: f32,
+    // Pixels along the edge of a tile of `coverage`.
+    coverage_edge: u32,
     // Size of the whole picture and the first pixel of this tile.
     image_size: vec2u,
     tile_origin: vec2u,

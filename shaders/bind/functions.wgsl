@@ -16,13 +16,6 @@ struct Functions {
     layers: array<Layer, 32>,
     // Per kind of brick, four in a vector: a bit for each layer that may show in it.
     kinds: array<vec4u, 64>,
-    // Texel value of the first cell of `may_show_map`, and cells per texel unit.
-    first_cell: f32,
-    cells_per_texel: f32,
-    pad0: f32,
-    pad1: f32,
 }
 
 @group(1) @binding(16) var<uniform> functions: Functions;
-// Which layers may show something between two values, given by their cells: a bit each.
-@group(1) @binding(17) var may_show_map: texture_2d<u32>;

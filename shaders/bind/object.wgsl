@@ -10,7 +10,7 @@ struct Object {
     transfer_first: f32,
     index_from_world_z: vec3f,
     transfer_scale: f32,
-    // Columns take a texel gradient per voxel of the gradient texture to ĝ = g/G in the world.
+    // Columns take differences of `gradient_volume` over two voxels to ĝ = g/G in the world, where it is not ĝ itself.
     world_from_gradient_x: vec3f,
     // κ, w̄ of a whole piece, and node coordinate of the materials that go on below and above the table.
     extinction_below: f32,
@@ -39,9 +39,14 @@ struct Object {
     contour_pt: f32,
     // 1: opacity is modulated as in eq. 3.2.
     transparency: f32,
-    pad0: f32,
+    // Texel value of the first cell of `may_show_map`, and cells per texel unit.
+    first_cell: f32,
     // Color of contours; w: 1, or 0 where it is that of the style's rim.
     ink: vec4f,
+    cells_per_texel: f32,
+    pad0: f32,
+    pad1: f32,
+    pad2: f32,
 }
 
 @group(1) @binding(0) var<uniform> object: Object;
@@ -57,3 +62,5 @@ struct Object {
 @group(1) @binding(6) var node_layers: texture_2d<u32>;
 @group(1) @binding(7) var styles: texture_2d_array<f32>;
 @group(1) @binding(8) var style_sampler: sampler;
+// Which functions may show something between two values, given by their cells: a bit each.
+@group(1) @binding(17) var may_show_map: texture_2d<u32>;

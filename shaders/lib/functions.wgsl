@@ -19,10 +19,7 @@ fn function_of_layer(layer: u32, row: u32) -> Function {
 // Of the functions that a kind of brick has, those that may show something between two values, a bit each: never none where one
 // does.
 fn may_show(kind: u32, front: f32, back: f32) -> u32 {
-    let cells = f32(textureDimensions(may_show_map).x - 1u);
-    let place = (vec2f(front, back) - functions.first_cell) * functions.cells_per_texel;
-    let found = textureLoad(may_show_map, vec2u(clamp(place, vec2f(0.0), vec2f(cells))), 0).x;
-    return found & functions.kinds[kind / 4u][kind % 4u];
+    return functions_between(front, back) & functions.kinds[kind / 4u][kind % 4u];
 }
 
 // Of some functions, those that do show something of a piece.

@@ -16,11 +16,12 @@ fn change_of(slope: Slope, pose: Pose) -> vec3f {
     return turned(strongest_change(slope), pose);
 }
 
-// Columns: change per world axis, as a share of G.
+// Columns: change per world axis, as a share of G. Beyond the outer voxel centers that of the edge goes on.
 fn gradient_at(p: vec3f) -> mat3x4f {
-    let x = color_difference(p, vec3f(1.0, 0.0, 0.0));
-    let y = color_difference(p, vec3f(0.0, 1.0, 0.0));
-    let z = color_difference(p, vec3f(0.0, 0.0, 1.0));
+    let within = clamp(p, vec3f(0.0), object.box_max - 0.5);
+    let x = color_difference(within, vec3f(1.0, 0.0, 0.0));
+    let y = color_difference(within, vec3f(0.0, 1.0, 0.0));
+    let z = color_difference(within, vec3f(0.0, 0.0, 1.0));
     let to_x = object.world_from_gradient_x;
     let to_y = object.world_from_gradient_y;
     let to_z = object.world_from_gradient_z;

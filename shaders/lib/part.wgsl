@@ -1,23 +1,12 @@
 // Parts of an object (docs/rendering.md §10): which of them a ray may meet, and where it goes through one.
 #import bind/parts
 #import lib/ray
-#import {pose}
+#import lib/wall
 
 const PART_ROW: u32 = 2048u;
-// Texels of a cell before its walls, and of a wall.
-const CELL_TEXELS: u32 = 9u;
+// Texels of a wall.
 const WALL_TEXELS: u32 = 3u;
-// What a cell takes of a pass beside its pieces, in pieces: its walls.
-const UNITS_PER_CELL: u32 = 8u;
 const UNBOUNDED: f32 = 3e38;
-
-// A cell as a ray goes through it: where it begins in index space, its change per mm, and where it is inside, mm.
-struct Through {
-    origin: vec3f,
-    direction: vec3f,
-    span: vec2f,
-    pose: Pose,
-}
 
 // Where a ray is behind all walls, mm, and those that it comes in and goes out through.
 struct Between {
@@ -73,29 +62,3 @@ fn between_walls(first: u32, num_walls: u32, ray: Ray) -> Between {
     }
     return found;
 }
-
-#if bodies
-#else
-// The ray in the cell of an entry.
-fn through(entry: u32, ray: Ray) -> Through {
-    let cell = part_texel(entry).x;
-    let near = part_floats(cell);
-    let dx = part_floats(cell + 1u);
-    let dy = part_floats(cell + 2u);
-    let x = part_floats(cell + 3u);
-    let y = part_floats(cell + 4u);
-    let z = part_floats(cell + 5u);
-    let normal_x = part_floats(cell + 6u);
-    let normal_y = part_floats(cell + 7u);
-    let normal_z = part_floats(cell + 8u);
-    let world = ray.world_direction;
-    let origin = near.xyz + ray.screen.x * dx.xyz + ray.screen.y * dy.xyz;
-    let direction = x.xyz * world.x + y.xyz * world.y + z.xyz * world.z;
-    let box = intersect_box(origin, direction, vec3f(x.w, y.w, z.w), vec3f(normal_x.w, normal_y.w, normal_z.w));
-    let walls = between_walls(cell + CELL_TEXELS, u32(dx.w), ray);
-    let span = vec2f(max(box.x, walls.span.x), min(box.y, walls.span.y));
-    let normal = mat3x3f(normal_x.xyz, normal_y.xyz, normal_z.xyz);
-    let pose = part_pose(normal, near.w, walls.enter, walls.leave, mat3x3f(x.xyz, y.xyz, z.xyz));
-    return Through(origin, direction, span, pose);
-}
-#end

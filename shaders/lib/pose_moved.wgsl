@@ -1,6 +1,7 @@
 // How bodies lie in the world, and which looks they show (docs/rendering.md §9).
 #import bind/bodies
 #import lib/ray
+#import lib/turned
 #if patterns
 #import bind/patterns
 #end
@@ -47,20 +48,6 @@ fn pose_of(body: u32, ray: Ray) -> Pose {
     return pose;
 }
 
-// A normal or gradient of the volume at rest, with its length, in a body.
-fn turned(direction: vec3f, pose: Pose) -> vec3f {
-    let there = pose.normal * direction;
-    return there * (length(direction) / max(length(there), 1e-30));
-}
-
-#if patterns
-// A direction in the world, in the volume at rest.
-fn at_rest(direction: vec3f, pose: Pose) -> vec3f {
-    let index = pose.to_index * direction;
-    return patterns.rest_from_index_x * index.x + patterns.rest_from_index_y * index.y + patterns.rest_from_index_z * index.z;
-}
-
-#end
 // The object's smallest spacing, over that of a body.
 fn voxels_of(pose: Pose) -> f32 {
     return pose.voxels;

@@ -1,4 +1,5 @@
 // Nothing was moved: there is one body, where the volume lies.
+#import lib/whole_looks
 
 struct Pose {
     body: u32,
@@ -17,21 +18,4 @@ fn at_rest(direction: vec3f, pose: Pose) -> vec3f {
 #end
 fn voxels_of(pose: Pose) -> f32 {
     return 1.0;
-}
-
-fn look_in(look: u32, pose: Pose) -> u32 {
-    return look;
-}
-
-// Looks besides the regions' that a place may have: the background's.
-fn num_rest(pose: Pose) -> u32 {
-    return 1u;
-}
-
-fn num_cut_rest(pose: Pose) -> u32 {
-    return 1u;
-}
-
-fn cut_look(look: u32, pose: Pose) -> u32 {
-    return look;
 }

@@ -71,3 +71,10 @@ fn classify_piece(function: Function, front: f32, back: f32) -> Piece {
             + rest * behind.x * (leave + rest * behind.z),
     );
 }
+
+// Which of an object's functions may show something of a piece between two values, a bit each: never none where one does.
+fn functions_between(front: f32, back: f32) -> u32 {
+    let cells = f32(textureDimensions(may_show_map).x - 1u);
+    let place = (vec2f(front, back) - object.first_cell) * object.cells_per_texel;
+    return textureLoad(may_show_map, vec2u(clamp(place, vec2f(0.0), vec2f(cells))), 0).x;
+}

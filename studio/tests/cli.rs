@@ -287,7 +287,7 @@ fn faults_are_one_sentence_and_leave_nothing() {
             1,
             "no part of the volume's 0..8",
         ),
-        (vec!["inspect", "block.raw", "--raw", "8x8x8xuint8", "--memory", "1e-6"], 1, "--reduce 2x2x1"),
+        (vec!["inspect", "block.raw", "--raw", "8x8x8xuint8", "--memory", "1e-6"], 1, "--reduce 2x2x2"),
         (vec!["inspect", "block.raw", "--reduce", "0"], 2, "2x2x1"),
         (vec!["measure", "nowhere.json"], 1, "nowhere.json"),
         (vec!["measure", "figure.json", "--plot", "a.pdf"], 2, ".svg or .png"),
@@ -346,7 +346,7 @@ fn inspect_schema_and_adapters_speak_json() {
     let list = json(&["inspect", "block.raw", "--raw", "8x8x8xuint8", "--list", "--json"]);
     assert_eq!(
         (&list[0]["number"], &list[0]["bytes"], &list[0]["adapter_bytes"]),
-        (&1.into(), &512.into(), &3072.into())
+        (&1.into(), &512.into(), &5120.into())
     );
     let variant = json(&["inspect", "specimen:turtle@32,mr,size=2,without=scutes", "--json"]);
     assert_eq!(variant["modality"], "mr");

@@ -237,7 +237,7 @@ fn every_sampling_path_draws_the_same_colors() {
         for [r16_filterable, rgba16_filterable, r32_filterable] in
             [[true, true, true], [true, true, false], [true, false, true], [false, false, false]]
         {
-            let formats = VolumeFormats { r16_filterable, rgba16_filterable, r32_filterable };
+            let formats = VolumeFormats { r16_filterable, rgba16_filterable, r32_filterable, gradient_bytes: 0 };
             let image = draw(&mut Renderer::new(software().with_formats(formats)), &scene);
             let Some(first) = &first else {
                 first = Some(image.pixels.iter().map(|p| p.map(f64::from)).collect());

@@ -88,17 +88,20 @@ fn defects_of_lighting_are_noticed() {
     let scene = lit(BODY, shiny(), lights(), Quality::balanced(1.0));
     let seen = |name, patch| notices(&scene, SIZE, name, patch);
     seen("only the first light", |t| replace(&t, "if i >= lighting.count", "if i >= 1u"));
-    seen("ambient of each light", |t| replace(&t, "light.share * found.x", "found.x"));
+    seen("ambient of each light", |t| replace(&t, "light.share * terms.x", "terms.x"));
     seen("highlights in the surface's color", |t| {
-        replace(&t, "light_of += light.color * found.z", "own += light.color * found.z")
+        replace(&t, "light.color * terms.y, light.color * terms.z", "light.color * (terms.y + terms.z), vec3f(0.0)")
     });
     seen("lights behind the eye in front", |t| {
         replace(&t, "-dot(light.direction, ray));", "abs(dot(light.direction, ray)));")
     });
-    seen("highlights upside down", |t| replace(&t, "1.0 - n_h", "n_h"));
-    seen("the color of the node above", |t| {
-        replace(&t, "vec2u(node_layer(nodes.first, row), 0u)", "vec2u(node_layer(nodes.second, row), 0u)")
-    });
+    seen("a wider highlight", |t| replace(&t, "lighting.model.w", "0.7 * lighting.model.w"));
+    seen("light through a surface", |t| replace(&t, "max(n_l, 0.0)", "abs(n_l)"));
+    seen("the color of the node above", |t| replace(&t, "vec2u(nodes.first, row)", "vec2u(nodes.second, row)"));
+    let scene = lit(BODY, LightingMap::Metal, lights(), Quality::balanced(1.0));
+    notices(&scene, SIZE, "highlights upside down", |t| replace(&t, "1.0 - n_h", "n_h"));
+    let scene = lit(BODY, LightingMap::Cartoon, lights()[..1].to_vec(), Quality::balanced(1.0));
+    notices(&scene, SIZE, "light from the wrong side", |t| replace(&t, "0.5 + 0.5 * n_l", "0.5 - 0.5 * n_l"));
 }
 
 #[test]

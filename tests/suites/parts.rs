@@ -101,6 +101,17 @@ fn exploded(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality, 
     scene
 }
 
+/// The same without a turn.
+fn shifted(volume: &Arc<Volume>, nodes: &[(f64, &str, f64)], quality: Quality, num: usize) -> Scene {
+    let mut scene = exploded(volume, nodes, quality, num);
+    let object = &mut scene.objects[0];
+    let middles = middles(object, &object.parts);
+    for (part, middle) in object.parts.list.iter_mut().zip(middles) {
+        part.pose = DAffine3::from_translation(part.pose.transform_point3(middle) - middle);
+    }
+    scene
+}
+
 #[test]
 fn exploded_parts_draw_what_the_equations_say() {
     let mut renderer = renderer();
@@ -113,13 +124,17 @@ fn exploded_parts_draw_what_the_equations_say() {
                 [Projection::Perspective { fov_y_deg: 20.0 }, Projection::Orthographic { height_mm: 90.0 }]
             {
                 let volume = lumpy();
-                let mut scene = exploded(&volume, nodes, quality, num);
-                scene.camera = phantom::camera(&volume, DVec3::new(-0.7, 0.5, 0.4), projection);
-                scene.camera.eye_mm *= 1.5;
-                assert!(pipeline(&mut renderer, &scene).contains(" parts"));
-                let found = compare(&mut renderer, &scene);
-                println!("{} {num} {quality:?} {projection:?}: {found:?}", nodes[0].1);
-                failed += usize::from(found.is_err());
+                for turned in [true, false] {
+                    let made = if turned { exploded } else { shifted };
+                    let mut scene = made(&volume, nodes, quality, num);
+                    scene.camera = phantom::camera(&volume, DVec3::new(-0.7, 0.5, 0.4), projection);
+                    scene.camera.eye_mm *= 1.5;
+                    let pipeline = pipeline(&mut renderer, &scene);
+                    assert!(pipeline.contains(" parts") && pipeline.contains(" turned") == turned, "{pipeline}");
+                    let found = compare(&mut renderer, &scene);
+                    println!("{} {num} {quality:?} {projection:?} {turned}: {found:?}", nodes[0].1);
+                    failed += usize::from(found.is_err());
+                }
             }
         }
     }
@@ -294,9 +309,7 @@ fn empty_space_tiles_and_passes_do_not_change_a_picture_of_parts() {
 #[test]
 fn defects_of_parts_are_noticed() {
     let body = exploded(&lumpy(), BODY, Quality::STANDARD, 8);
-    notices(&body, "walls that do not cut", |text| {
-        replace(&text, "vec2f(max(box.x, walls.span.x), min(box.y, walls.span.y))", "box")
-    });
+    notices(&body, "walls that do not cut", |text| replace(&text, "within_both(box, walls.span)", "box"));
     notices(&body, "walls without any faces", |text| replace(&text, "let seen = across.z > 0.0;", "let seen = false;"));
     notices(&body, "far walls without faces", |text| replace(&text, "wall_face(p, pose.leave)", "vec4f(0.0)"));
     notices(&body, "normals of what was turned, unturned", |text| {
@@ -312,6 +325,9 @@ fn defects_of_parts_are_noticed() {
             "            met = false;\n        }\n",
         )
     });
+    let apart = shifted(&lumpy(), BODY, Quality::STANDARD, 8);
+    notices(&apart, "shifts the other way", |text| replace(&text, "ray.origin + shift.xyz", "ray.origin - shift.xyz"));
+    notices(&apart, "walls of what was shifted left out", |text| replace(&text, "u32(shift.w)", "0u"));
     let veil = exploded(&lumpy(), VEIL, Quality::STANDARD, 8);
     notices(&veil, "depths that do not begin with the part", |text| {
         replace(&text, "frame.near_depth + enter * ray.depth_per_mm, step * ray.depth_per_mm", "frame.near_depth, 0.0")

@@ -6,7 +6,7 @@ use fabrica_engine::Progress;
 use fabrica_engine::gpu::context::VolumeFormats;
 use fabrica_engine::image_out::{PngOptions, decode_png_straight, write_png};
 use fabrica_engine::render::{FloatImage, RenderOptions, Renderer};
-use fabrica_engine::scene::{Background, Quality, Scene};
+use fabrica_engine::scene::{Background, Projection, Quality, Scene};
 use fabrica_engine::spaces::Grid;
 use fabrica_engine::volume::{Rescale, Volume, Voxels};
 use fabrica_tests::phantom::{self, centered, lumpy};
@@ -55,19 +55,86 @@ fn the_tile_comparison_sees_one_wrong_ray() {
     assert!(worst < 0.05, "{worst}");
 }
 
+/// Whether a picture is the one that is drawn without leaping over anything.
+fn leaps_like_walking(renderer: &mut Renderer, scene: &Scene, size: [u32; 2]) -> bool {
+    let leaping = draw(renderer, scene, size);
+    let options = RenderOptions { skip_empty: false, ..Default::default() };
+    let walking = renderer.render(scene, size, &options, &Progress::new()).unwrap();
+    assert!(leaping.pixels.iter().any(|p| p[3] > 0.5));
+    bits(&leaping) == bits(&walking)
+}
+
 #[test]
 fn skipping_changes_no_bit() {
     let mut renderer = renderer();
     for nodes in [OPAQUE, VEIL, &[(600.0, "ink", 0.0), (601.0, "ink", 1.0)]] {
-        for step_voxels in [2.0, 1.0, 0.3] {
+        for step_voxels in [11.0, 4.0, 2.0, 1.0, 0.3] {
             let quality = Quality { step_voxels, ..Quality::STANDARD };
             let scene = phantom::scene(&lumpy(), nodes, quality);
-            let leaping = draw(&mut renderer, &scene, [96, 96]);
-            let options = RenderOptions { skip_empty: false, ..Default::default() };
-            let walking = renderer.render(&scene, [96, 96], &options, &Progress::new()).unwrap();
-            assert!(bits(&leaping) == bits(&walking), "skipping shows at step {step_voxels}");
-            assert!(leaping.pixels.iter().any(|p| p[3] > 0.5));
+            assert!(leaps_like_walking(&mut renderer, &scene, [96, 96]), "skipping shows at step {step_voxels}");
         }
+    }
+}
+
+/// A dot far from the middle of a volume of mostly nothing, seen by some cameras: as a whole, from near by, from within.
+fn dots() -> impl Iterator<Item = Scene> {
+    let edge = |p: DVec3| 700.0 * (1.0 - (p - DVec3::new(-13.0, 9.0, 11.0)).length() / 5.0).max(0.0);
+    let cubic = phantom::volume([44, 40, 48], centered([44, 40, 48], DVec3::ONE), edge);
+    let spacing = DVec3::new(0.7, 1.0, 2.5);
+    let flat = phantom::volume([60, 40, 20], centered([60, 40, 20], spacing), edge);
+    [cubic, flat].into_iter().flat_map(|volume| {
+        let seen = [
+            (0.0, Projection::Orthographic { height_mm: 50.0 }),
+            (0.0, Projection::Perspective { fov_y_deg: 50.0 }),
+            (0.0, Projection::Perspective { fov_y_deg: 9.0 }),
+            (70.0, Projection::Perspective { fov_y_deg: 120.0 }),
+        ];
+        seen.into_iter().map(move |(nearer, projection)| {
+            let mut scene = phantom::scene(&volume, &[(50.0, "bone", 0.0), (90.0, "bone", 0.9)], Quality::DRAFT);
+            scene.camera = phantom::camera(&volume, DVec3::new(-0.7, 0.5, 0.4), projection);
+            if nearer > 0.0 {
+                // Right behind the dot's back.
+                scene.camera.eye_mm = DVec3::new(-13.0, 9.0, 11.0) - 1.5 * scene.camera.forward;
+            } else {
+                let across = DVec3::new(-13.0, 9.0, 11.0);
+                let off = across - across.dot(scene.camera.forward) * scene.camera.forward;
+                scene.camera.eye_mm += 0.9 * off;
+            }
+            scene
+        })
+    })
+}
+
+#[test]
+fn rays_that_meet_nothing_change_no_bit() {
+    let mut renderer = renderer();
+    for (i, scene) in dots().enumerate() {
+        assert!(leaps_like_walking(&mut renderer, &scene, [150, 90]), "scene {i}");
+        // Not of all pixels, and in tiles that end anywhere.
+        let whole = draw(&mut renderer, &scene, [150, 90]);
+        let options = RenderOptions { stride: 4, tile: 13, ..Default::default() };
+        let sample = renderer.render(&scene, [150, 90], &options, &Progress::new()).unwrap();
+        let at = |x: u32, y: u32| whole.pixels[(150 * (2 + 4 * y) + 2 + 4 * x) as usize];
+        let own = (0..sample.height).flat_map(|y| (0..sample.width).map(move |x| (x, y)));
+        assert!(
+            own.zip(&sample.pixels).all(|((x, y), p)| at(x, y).map(f32::to_bits) == p.map(f32::to_bits)),
+            "scene {i}"
+        );
+    }
+}
+
+#[test]
+fn defects_of_coverage_are_noticed() {
+    let ends_early = |text: String| {
+        let changed = text.replace("steps + vec2f(-2.0, 2.0)", "steps + vec2f(-2.0, -6.0)");
+        assert!(changed != text);
+        changed
+    };
+    let begins_late = |text: String| text.replace("steps + vec2f(-2.0, 2.0)", "steps + vec2f(6.0, 2.0)");
+    let others_tile = |text: String| text.replace("pixel / frame.coverage_edge", "pixel / frame.coverage_edge + 1u");
+    for patch in [ends_early as fn(String) -> String, begins_late, others_tile] {
+        let mut patched = Renderer::with_patched_shaders(software(), patch);
+        assert!(dots().any(|scene| !leaps_like_walking(&mut patched, &scene, [150, 90])));
     }
 }
 
@@ -116,18 +183,22 @@ fn alpha_solves_back_from_black_and_white() {
 fn every_sampling_path_draws_the_same_picture() {
     let scene = phantom::scene(&lumpy(), VEIL, Quality::STANDARD);
     let mut first: Option<FloatImage> = None;
-    for (r16_filterable, r32_filterable) in [(true, true), (false, true), (false, false)] {
+    // Gradients as texels, then as differences of samples.
+    for (r16_filterable, r32_filterable, gradient_bytes) in
+        [(true, true, u64::MAX), (false, false, u64::MAX), (true, true, 0), (false, true, 0), (false, false, 0)]
+    {
         let context = software().with_formats(VolumeFormats {
             r16_filterable,
             rgba16_filterable: r16_filterable,
             r32_filterable,
+            gradient_bytes,
         });
         let image = draw(&mut Renderer::new(context), &scene, [64, 64]);
         if let Some(first) = &first {
             let pairs = first.pixels.iter().flatten().zip(image.pixels.iter().flatten());
             let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             // The adapter's filter and eight loads round differently; 1e-3 of linear light is a quarter code at most.
-            assert!(worst < 1e-3, "16-bit filter {r16_filterable}, float filter {r32_filterable}: {worst}");
+            assert!(worst < 1e-3, "{r16_filterable}, {r32_filterable}, {gradient_bytes}: {worst}");
         } else {
             first = Some(image);
         }

@@ -60,6 +60,8 @@ pub struct VolumeFormats {
     pub rgba16_filterable: bool,
     /// R32Float (and so Rgba32Float) can be filtered.
     pub r32_filterable: bool,
+    /// The most bytes that gradients may take as texels of their own; those of larger volumes are differences of samples.
+    pub gradient_bytes: u64,
 }
 
 /// A device with its queue.
@@ -84,6 +86,9 @@ pub const NO_ADAPTER: (&str, &str) = (
     "there is no graphics adapter that can draw",
     "install a Vulkan driver (Debian, Ubuntu: apt install mesa-vulkan-drivers; macOS and Windows have theirs)",
 );
+
+/// 512 voxels along each edge. Software adapters have no textures larger than that.
+pub(crate) const MOST_GRADIENT_BYTES: u64 = 1 << 30;
 
 const OPTIONAL_FEATURES: wgpu::Features =
     wgpu::Features::TEXTURE_FORMAT_16BIT_NORM.union(wgpu::Features::FLOAT32_FILTERABLE);
@@ -125,6 +130,7 @@ fn formats_of(adapter: &wgpu::Adapter) -> VolumeFormats {
             && filterable(wgpu::TextureFormat::Rgba16Unorm),
         r32_filterable: features.contains(wgpu::Features::FLOAT32_FILTERABLE)
             && filterable(wgpu::TextureFormat::R32Float),
+        gradient_bytes: MOST_GRADIENT_BYTES,
     }
 }
 

@@ -17,6 +17,7 @@ macro_rules! modules {
 pub const MODULES: &[(&str, &str)] = modules![
     "bind/bodies",
     "bind/colors",
+    "bind/coverage",
     "bind/frame",
     "bind/functions",
     "bind/lighting",
@@ -32,6 +33,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/bodies_most",
     "lib/composite",
     "lib/contour",
+    "lib/covered",
     "lib/cut_face",
     "lib/cut_face_labels",
     "lib/drawn",
@@ -41,7 +43,11 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/functions",
     "lib/gradient",
     "lib/gradient_color",
+    "lib/gradient_sampled",
+    "lib/gradient_texel",
     "lib/label",
+    "lib/light_map",
+    "lib/light_model",
     "lib/looks",
     "lib/meeting",
     "lib/modulated",
@@ -52,6 +58,7 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/pose_moved",
     "lib/pose_part",
     "lib/pose_rest",
+    "lib/pose_shifted",
     "lib/principal",
     "lib/ray",
     "lib/region",
@@ -72,10 +79,15 @@ pub const MODULES: &[(&str, &str)] = modules![
     "lib/style",
     "lib/table_filtered",
     "lib/table_loads",
+    "lib/through",
+    "lib/through_shifted",
+    "lib/through_turned",
     "lib/tint",
     "lib/transfer_function",
+    "lib/turned",
     "lib/validity_all",
     "lib/wall",
+    "lib/whole_looks",
     "raycast",
     "raycast_bodies",
 ];
@@ -93,6 +105,8 @@ pub struct RaycastKey {
     pub colors: bool,
     /// They have alpha; never without `colors`.
     pub alpha: bool,
+    /// Gradients are differences of samples, not texels; never with `colors`, of which they always are.
+    pub sampled_gradients: bool,
     /// The object has regions with looks of their own.
     pub regions: bool,
     /// Their borders are found by two look-ups of labels in place of memberships; never without `regions`.
@@ -111,12 +125,20 @@ pub struct RaycastKey {
     pub meetings: bool,
     /// The object is cut into parts; with `bodies` where some of these overlap, or something else was moved as well.
     pub parts: bool,
+    /// Some of these were not only shifted; never without `parts`, nor with `bodies`.
+    pub turned: bool,
+    /// What shows may reach the faces of the volume; always with `bodies`.
+    pub faces: bool,
     /// Contours are drawn.
     pub contours: bool,
     /// Opacity is modulated as in eq. 3.2.
     pub transparency: bool,
-    /// Lights and a lighting map take the place of styles.
+    /// Lights take the place of styles' own.
     pub lit: bool,
+    /// What they do is in a map, not a formula; never without `lit`.
+    pub lighting_map: bool,
+    /// There is more than one; never without `lit`.
+    pub several_lights: bool,
     /// Styles carry patterns.
     pub patterns: bool,
     /// Some of which follow the curvature of surfaces; never without `patterns`.
@@ -135,6 +157,7 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.no_data { " no_data" } else { "" })?;
         f.write_str(if self.colors { " colors" } else { "" })?;
         f.write_str(if self.alpha { " alpha" } else { "" })?;
+        f.write_str(if self.sampled_gradients { " sampled_gradients" } else { "" })?;
         f.write_str(if self.regions { " regions" } else { "" })?;
         f.write_str(if self.labels { " labels" } else { "" })?;
         f.write_str(if self.functions { " functions" } else { "" })?;
@@ -144,9 +167,13 @@ impl std::fmt::Display for RaycastKey {
         f.write_str(if self.many_bodies { " many" } else { "" })?;
         f.write_str(if self.meetings { " meetings" } else { "" })?;
         f.write_str(if self.parts { " parts" } else { "" })?;
+        f.write_str(if self.turned { " turned" } else { "" })?;
+        f.write_str(if self.faces { "" } else { " no_faces" })?;
         f.write_str(if self.contours { " contours" } else { "" })?;
         f.write_str(if self.transparency { " transparency" } else { "" })?;
         f.write_str(if self.lit { " lit" } else { "" })?;
+        f.write_str(if self.lighting_map { " map" } else { "" })?;
+        f.write_str(if self.several_lights { " lights" } else { "" })?;
         f.write_str(if self.patterns { " patterns" } else { "" })?;
         f.write_str(if self.curvature { " curvature" } else { "" })?;
         f.write_str(if self.resumed { " resumed" } else { "" })
@@ -156,7 +183,9 @@ impl std::fmt::Display for RaycastKey {
 impl RaycastKey {
     /// Keys for tests: every combination of what there is, but contours, transparency, lights and patterns, which are there one at a
     /// time or all together, where the adapter filters and all voxels have data; with labels all or none; with rows where the adapter
-    /// filters, all voxels have data, and contours and lights are both there or not; with parts likewise.
+    /// filters, all voxels have data, and contours and lights are both there or not; with parts likewise; gradients as differences of
+    /// samples with no more than regions, parts, and contours, transparency and lights together; without faces likewise, but with neither faces
+    /// of regions nor bodies; parts both turned and only shifted.
     pub fn all() -> impl Iterator<Item = Self> {
         // Each of these with regions by memberships, then by labels.
         // No regions; regions with one function and several; the same with faces; with bodies; with meetings; with many bodies and
@@ -167,6 +196,8 @@ impl RaycastKey {
             contours: drawn & 1 != 0,
             transparency: drawn & 2 != 0,
             lit: drawn & 4 != 0,
+            lighting_map: drawn == 7 || drawn == 31,
+            several_lights: drawn == 31,
             patterns: drawn & 8 != 0,
             curvature: drawn & 16 != 0,
             filtered: n & 1 == 0,
@@ -175,6 +206,7 @@ impl RaycastKey {
             resumed: n & 8 != 0,
             colors: n % 48 >= 16,
             alpha: n % 48 >= 32,
+            sampled_gradients: false,
             regions: n >= 48,
             labels: false,
             functions: (n / 48) % 2 == 0 && n >= 48,
@@ -184,6 +216,8 @@ impl RaycastKey {
             many_bodies: n >= 9 * 48,
             meetings: (7 * 48..9 * 48).contains(&n) || n >= 11 * 48,
             parts: false,
+            turned: false,
+            faces: true,
         });
         let all = all.filter(|key| key.resumed || !key.bodies);
         let with_labels =
@@ -205,7 +239,26 @@ impl RaycastKey {
                 && key.contours == key.lit
                 && key.lit == key.patterns
         };
-        all.flat_map(move |key| std::iter::once(key).chain(Some(Self { parts: true, ..key }).filter(with_parts)))
+        let all =
+            all.flat_map(move |key| std::iter::once(key).chain(Some(Self { parts: true, ..key }).filter(with_parts)));
+        let all = all.flat_map(move |key| {
+            std::iter::once(key).chain(Some(Self { turned: true, ..key }).filter(|key| key.parts && !key.bodies))
+        });
+        let with_samples = |key: &Self| {
+            let is_plain =
+                !key.no_data && !key.labels && !key.rows && !key.meetings && !key.patterns && key.table_filtered;
+            !key.colors && is_plain && key.contours == key.lit && key.transparency == key.contours
+        };
+        let all = all.flat_map(move |key| {
+            std::iter::once(key).chain(Some(Self { sampled_gradients: true, ..key }).filter(with_samples))
+        });
+        let without_faces = move |key: &Self| with_samples(key) && !key.bodies && !key.cuts && !key.sampled_gradients;
+        all.flat_map(move |key| std::iter::once(key).chain(Some(Self { faces: false, ..key }).filter(without_faces)))
+    }
+
+    /// Whether rays walk through one body that is not cut up.
+    pub fn is_whole(self) -> bool {
+        !self.bodies && !self.parts
     }
 
     /// The WGSL text for this key.
@@ -217,6 +270,9 @@ impl RaycastKey {
             "sampling" => Some(if self.filtered { "lib/sample_filtered" } else { "lib/sample_loads" }),
             "table" => Some(if self.table_filtered { "lib/table_filtered" } else { "lib/table_loads" }),
             "no_data" => Some(if self.no_data { "bind/validity" } else { "lib/validity_all" }),
+            "light" => Some(if self.lighting_map { "lib/light_map" } else { "lib/light_model" }),
+            "gradient_source" if self.sampled_gradients => Some("lib/gradient_sampled"),
+            "gradient_source" => Some("lib/gradient_texel"),
             "gradient" => Some(if self.colors { "lib/gradient_color" } else { "lib/gradient" }),
             "function" => Some(if self.functions { "lib/functions" } else { "lib/function_one" }),
             "seen" if self.labels => Some("lib/seen_label"),
@@ -224,6 +280,8 @@ impl RaycastKey {
             "seen" => Some(if self.regions { "lib/seen_tints" } else { "lib/seen_one" }),
             "shade" => Some(if self.lit { "lib/shade_lit" } else { "lib/shade_style" }),
             "pose" if self.bodies => Some("lib/pose_moved"),
+            "pose" if self.parts && !self.turned => Some("lib/pose_shifted"),
+            "through" => Some(if self.turned { "lib/through_turned" } else { "lib/through_shifted" }),
             "pose" => Some(if self.parts { "lib/pose_part" } else { "lib/pose_rest" }),
             "bodies" if self.parts && self.many_bodies => Some("lib/bodies_most"),
             "bodies" => Some(if self.many_bodies { "lib/bodies_many" } else { "lib/bodies_few" }),
@@ -242,10 +300,12 @@ impl RaycastKey {
             "cuts" => Some(self.cuts),
             "meetings" => Some(self.meetings),
             "parts" => Some(self.parts),
+            "faces" => Some(self.faces),
             "bodies" => Some(self.bodies),
             "contours" => Some(self.contours),
             "transparency" => Some(self.transparency),
             "lit" => Some(self.lit),
+            "several_lights" => Some(self.several_lights),
             "only_lit" => Some(self.lit && !self.patterns),
             "neither_lit_nor_patterns" => Some(!self.lit && !self.patterns),
             "patterns" => Some(self.patterns),

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use glam::DMat3;
 use rayon::prelude::*;
 
 use super::context::GpuContext;
@@ -36,10 +37,11 @@ pub struct ResidentVolume {
     pub values: wgpu::TextureView,
     /// Encoding of `values`.
     pub encoding: Encoding,
-    /// Source of gradients: the prefiltered copy of the values (of the colors, if there are any), or these again where σ_g = 0.
+    /// ĝ in the world, in units of 1/[`GRADIENT_UNIT`]; or what it is differences of: the prefiltered copy of the values (of the colors,
+    /// if there are any), or these again where σ_g = 0.
     pub gradients: wgpu::TextureView,
-    /// Encoding of `gradients`.
-    pub gradient_encoding: Encoding,
+    /// Encoding of `gradients` that are not texels of ĝ.
+    pub gradient_encoding: Option<Encoding>,
     /// Premultiplied linear RGBA of a volume of colors. Every adapter filters it, and its gradients.
     pub colors: Option<wgpu::TextureView>,
     /// Whether some of them are not opaque.
@@ -53,6 +55,13 @@ pub struct ResidentVolume {
     /// Voxels that are no number.
     pub num_gaps: usize,
 }
+
+/// What a texel has of a ĝ of 1 (`GRADIENT_PER_TEXEL` of `shaders/lib/gradient_texel.wgsl`): half floats keep eleven bits of gradients
+/// from a millionth of G to a thousand times as much.
+pub const GRADIENT_UNIT: f64 = 64.0;
+
+/// The largest half float.
+const MAX_HALF: f32 = 65504.0;
 
 /// Bytes handed to the driver at a time: the staging copy stays small against the volume.
 const SLAB_BYTES: usize = 8 << 20;
@@ -119,7 +128,12 @@ impl ResidentVolume {
 
         let sigma = sigma_voxels(volume, object.gradient_scale_mm);
         let prefiltered = sigma.iter().any(|s| *s > 0.0);
-        let extras = [prefiltered, volume.colors.is_some(), filled.valid.is_some()];
+        let num_gradient_bytes = (volume.grid.num_voxels() * Texel::ColorFloat16.bytes()) as u64;
+        let may_have_texels = volume.colors.is_none() && num_gradient_bytes <= context.formats.gradient_bytes;
+        // Where there is no room for them, gradients are taken from what is there.
+        let texels =
+            may_have_texels.then(|| create_texture(context, "gradients", dims, Texel::ColorFloat16).ok()).flatten();
+        let extras = [prefiltered || texels.is_some(), volume.colors.is_some(), filled.valid.is_some()];
         let num_copies = 1 + extras.into_iter().map(u64::from).sum::<u64>();
         progress.begin("uploading", num_copies * dims[2] as u64);
 
@@ -138,7 +152,22 @@ impl ResidentVolume {
                 Some(smoothed_texture(context, "colors", source, dims, [0.0; 3], color_texel, progress)?)
             }
         };
+        // As numbers of about 1, in which f32 resolves small differences; but next to outliers only scaled.
+        let span = if range.1 > range.0 { range.1 - range.0 } else { 1.0 };
+        let smoothed_encoding = match values_texel {
+            Texel::Unorm16 => Encoding { offset: range.0, scale: 1.0 / span },
+            _ => encoding,
+        };
         let (gradients, gradient_encoding) = match (&volume.colors, &colors) {
+            _ if let Some(texture) = &texels => {
+                let Encoding { offset, scale } = smoothed_encoding;
+                let source = Source::Values { voxels, offset, scale };
+                let filter = Prefilter::new(source, dims, sigma);
+                let per_difference = 0.5 * volume.rescale.slope / (scale * volume.gradient_max());
+                let to_texel = volume.grid.world_gradient_from_index() * (per_difference * GRADIENT_UNIT);
+                write_gradients(context, texture, filter, dims, to_texel, progress)?;
+                (texture.create_view(&wgpu::TextureViewDescriptor::default()), None)
+            }
             (Some(source), Some(colors)) => {
                 let gradients = if prefiltered {
                     let source = Source::Colors(source);
@@ -147,21 +176,17 @@ impl ResidentVolume {
                     colors.clone()
                 };
                 // Linear light is data as it is: a luminance of 1 is a texel of 1.
-                (gradients, Encoding { offset: 0.0, scale: volume.rescale.slope })
+                (gradients, Some(Encoding { offset: 0.0, scale: volume.rescale.slope }))
             }
             _ if prefiltered => {
                 // In f32 where that can be filtered: 16 bits, even of the data's own range, turn the normals of gentle slopes,
                 // which a style with fine lines shows (1.2 codes where f32 has 0.1).
                 let texel = if context.formats.r32_filterable { Texel::Float32 } else { texel };
-                let span = if range.1 > range.0 { range.1 - range.0 } else { 1.0 };
-                let encoding = match values_texel {
-                    Texel::Unorm16 => Encoding { offset: range.0, scale: 1.0 / span },
-                    _ => encoding,
-                };
+                let encoding = smoothed_encoding;
                 let source = Source::Values { voxels, offset: encoding.offset, scale: encoding.scale };
-                (smoothed_texture(context, "gradient volume", source, dims, sigma, texel, progress)?, encoding)
+                (smoothed_texture(context, "gradient volume", source, dims, sigma, texel, progress)?, Some(encoding))
             }
-            _ => (values.clone(), encoding),
+            _ => (values.clone(), Some(encoding)),
         };
 
         let validity = match &filled.valid {
@@ -205,6 +230,53 @@ fn smoothed_texture(
     let texture = make_texture(context, label, dims, texel)?;
     write_slabs(context, &texture, dims, texel, progress, |z0, z1| texel.pack(&filter.slab(z0, z1)))?;
     Ok(texture.create_view(&wgpu::TextureViewDescriptor::default()))
+}
+
+/// Writes the gradients of what a filter makes, a voxel's central differences each, taken to texels by `to_texel`. At the edge they
+/// are one-sided, still over two voxels.
+fn write_gradients(
+    context: &GpuContext,
+    texture: &wgpu::Texture,
+    mut filter: Prefilter<'_>,
+    dims: [usize; 3],
+    to_texel: DMat3,
+    progress: &Progress,
+) -> Result<()> {
+    write_slabs(context, texture, dims, Texel::ColorFloat16, progress, |z0, z1| {
+        let from = z0.saturating_sub(1);
+        let values = filter.slab(from, (z1 + 1).min(dims[2]));
+        bytemuck::cast_slice(&gradient_texels(&values, from, dims, z0..z1, to_texel)).to_vec()
+    })
+}
+
+/// Texels of the gradients in the planes `z`, given the values of whole planes from plane `from` on, one beyond `z` on either side
+/// where there is one.
+fn gradient_texels(
+    values: &[f32],
+    from: usize,
+    dims: [usize; 3],
+    z: std::ops::Range<usize>,
+    to_texel: DMat3,
+) -> Vec<[half::f16; 4]> {
+    let [nx, ny, nz] = dims;
+    let to_texel = to_texel.as_mat3();
+    let row = |y: usize, z: usize| &values[nx * (y + ny * (z - from))..][..nx];
+    let mut texels = vec![[half::f16::ZERO; 4]; nx * ny * z.len()];
+    texels.par_chunks_mut(nx).enumerate().for_each(|(i, out)| {
+        let (y, z) = (i % ny, z.start + i / ny);
+        let own = row(y, z);
+        let [above, below] = [row((y + 1).min(ny - 1), z), row(y.saturating_sub(1), z)];
+        let [behind, before] = [row(y, (z + 1).min(nz - 1)), row(y, z.saturating_sub(1))];
+        for (x, texel) in out.iter_mut().enumerate() {
+            let along_x = own[(x + 1).min(nx - 1)] - own[x.saturating_sub(1)];
+            let gradient = to_texel * glam::Vec3::new(along_x, above[x] - below[x], behind[x] - before[x]);
+            // Beyond what half floats hold only the direction counts.
+            let largest = gradient.abs().max_element();
+            let fitting = if largest > MAX_HALF { gradient * (MAX_HALF / largest) } else { gradient };
+            *texel = fitting.extend(0.0).to_array().map(half::f16::from_f32);
+        }
+    });
+    texels
 }
 
 /// How colors are kept, and how smoothed ones are, of which small differences count. Not as the file's 8 bits, which not every
@@ -293,20 +365,21 @@ fn encode(voxels: &Voxels, part: std::ops::Range<usize>, encoding: Encoding, tex
     bytemuck::cast_slice(&codes).to_vec()
 }
 
+/// Size of a texture in GiB.
+fn gib(dims: [usize; 3], texel: Texel) -> f64 {
+    (dims[0] * dims[1] * dims[2] * texel.bytes()) as f64 / f64::from(1 << 30)
+}
+
+fn create_texture(context: &GpuContext, label: &str, dims: [usize; 3], texel: Texel) -> Result<wgpu::Texture> {
+    let [x, y, z] = dims;
+    let what = format!("a 3-D texture of {x} x {y} x {z} texels ({:.1} GiB) for the {label}", gib(dims, texel));
+    context.checked(&what, "crop or downsample the volume, or choose another adapter", |device| {
+        device.create_texture(&table_descriptor(label, extent(dims), wgpu::TextureDimension::D3, texel.format()))
+    })
+}
+
 fn make_texture(context: &GpuContext, label: &str, dims: [usize; 3], texel: Texel) -> Result<wgpu::Texture> {
-    let gib = |planes: usize| (dims[0] * dims[1] * planes * texel.bytes()) as f64 / f64::from(1 << 30);
-    let create = |planes: usize| {
-        let what = format!(
-            "a 3-D texture of {} x {} x {planes} texels ({:.1} GiB) for the {label}",
-            dims[0],
-            dims[1],
-            gib(planes)
-        );
-        context.checked(&what, "crop or downsample the volume, or choose another adapter", |device| {
-            let size = extent([dims[0], dims[1], planes]);
-            device.create_texture(&table_descriptor(label, size, wgpu::TextureDimension::D3, texel.format()))
-        })
-    };
+    let create = |planes: usize| create_texture(context, label, [dims[0], dims[1], planes], texel);
     create(dims[2]).map_err(|refused| {
         // wgpu does not tell the limit in bytes; what the driver grants does.
         let (mut granted, mut too_many) = (0, dims[2]);
@@ -322,7 +395,10 @@ fn make_texture(context: &GpuContext, label: &str, dims: [usize; 3], texel: Texe
         let reason = refused.to_string();
         let reason = reason.split_once("; ").map_or(reason.as_str(), |(what, _)| what);
         Error::gpu(
-            format!("{reason}; it grants about {granted} slices of that size ({:.1} GiB) at present", gib(granted)),
+            format!(
+                "{reason}; it grants about {granted} slices of that size ({:.1} GiB) at present",
+                gib([dims[0], dims[1], granted], texel)
+            ),
             "crop or downsample the volume, or choose another adapter",
         )
     })
@@ -441,8 +517,8 @@ mod tests {
 
     #[test]
     fn what_is_said_to_be_taken_is_what_the_textures_take() {
-        let small = Texel::Unorm16.bytes() + Texel::Float32.bytes();
-        let wide = 2 * Texel::Float32.bytes();
+        let small = Texel::Unorm16.bytes() + Texel::ColorFloat16.bytes();
+        let wide = Texel::Float32.bytes() + Texel::ColorFloat16.bytes();
         let colors = Texel::Unorm16.bytes() + 2 * Texel::ColorUnorm16.bytes();
         for (type_name, bytes) in
             [("uint8", small), ("int16", small), ("float32", wide), ("int64", wide), ("rgba", colors)]

@@ -1,9 +1,10 @@
 //! Parts as the shader reads them (docs/rendering.md §10): what their cells are, in which order rays meet them, and which of them the
 //! rays of a tile of the picture may meet at all.
 
-use glam::{DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 use super::bodies::{self, pieces_and_spacing, smallest_spacing_mm, sphere_around};
+use super::coverage::Coverage;
 use super::raycast::{NearPlane, small_texture};
 use crate::error::{Error, Result};
 use crate::gpu::context::GpuContext;
@@ -13,11 +14,13 @@ use crate::scene::{Camera, Cell, Object, Plane, Projection};
 
 /// Texels in a row, of a cell before its walls, and of a wall (`shaders/lib/part.wgsl`).
 const ROW: usize = 2048;
-const CELL_TEXELS: u32 = 9;
 const WALL_TEXELS: u32 = 3;
+/// Those of a cell that lies anywhere (`shaders/lib/through_turned.wgsl`), and of one where all were only shifted.
+const CELL_TEXELS: u32 = 9;
+const SHIFTED_CELL_TEXELS: u32 = 1;
 /// Bodies that rays of a tile may meet where they walk through several side by side (`shaders/lib/bodies_most.wgsl`).
 const MAX_SIDE_BY_SIDE: usize = 32;
-/// What a cell takes of a pass beside its pieces, in pieces (`UNITS_PER_CELL` there).
+/// What a cell takes of a pass beside its pieces, in pieces (`shaders/lib/through.wgsl`).
 const UNITS_PER_CELL: u32 = 8;
 /// Pixels along the edge of a tile, and tiles along that of a picture, at most.
 const TILE: u32 = 16;
@@ -36,6 +39,9 @@ pub struct PartLists {
     /// Pixels along the edge of a tile, and tiles along those of the picture.
     edge: u32,
     tiles: [usize; 2],
+    /// Of each cell, how far from the eye it begins and ends along the view's axis, mm; and how far a ray gets in index space at most
+    /// while it gets 1 mm deeper.
+    reaches: Vec<([f64; 2], f64)>,
     /// Per tile, what rays may meet there, front to back unless it is side by side: cells and, behind the last of these, other bodies.
     lists: Vec<Vec<usize>>,
 }
@@ -53,6 +59,18 @@ impl View<'_> {
             Projection::Perspective { .. } => plane.height(self.camera.eye_mm),
             Projection::Orthographic { .. } => -plane.normal.dot(self.camera.forward),
         }
+    }
+
+    /// Directions that get 1 mm deeper, of rays at the corners of the picture: what is linear in a ray's is largest of one of these.
+    fn corners(&self) -> impl Iterator<Item = DVec3> {
+        let Camera { right, up, forward, .. } = *self.camera;
+        let half = match self.camera.projection {
+            Projection::Perspective { .. } => self.camera.half_height(),
+            Projection::Orthographic { .. } => 0.0,
+        };
+        let aspect = f64::from(self.size[0]) / f64::from(self.size[1]);
+        let signs = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
+        signs.into_iter().map(move |(x, y)| forward + half * (x * aspect * right + y * up))
     }
 
     /// The outline of points in the world; none where one of them is not in front of the eye.
@@ -102,20 +120,38 @@ fn outline(mut points: Vec<DVec2>) -> Vec<DVec2> {
 /// Pixels that rounding may put an outline off.
 const MARGIN: f64 = 0.01;
 
-/// Whether an outline has something of a box, in pixels.
-fn touches(outline: &[DVec2], low: DVec2, high: DVec2) -> bool {
+/// Corners of the box around points.
+fn box_around(points: &[DVec2]) -> (DVec2, DVec2) {
     let none = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-    let (own_low, own_high) = outline.iter().fold(none, |(low, high), p| (low.min(*p), high.max(*p)));
-    if own_low.cmpgt(high + MARGIN).any() || own_high.cmplt(low - MARGIN).any() {
-        return false;
-    }
+    points.iter().fold(none, |(low, high), p| (low.min(*p), high.max(*p)))
+}
+
+/// Whether a side of an outline has all of a box behind it, in pixels.
+fn is_beside(outline: &[DVec2], low: DVec2, high: DVec2) -> bool {
     let corners = [low, DVec2::new(high.x, low.y), high, DVec2::new(low.x, high.y)];
     let beyond = |a: DVec2, b: DVec2| {
         let outward = -(b - a).perp();
         corners.iter().all(|corner| outward.dot(*corner - a) > MARGIN * outward.length())
     };
-    let sides = (0..outline.len()).map(|i| (outline[i], outline[(i + 1) % outline.len()]));
-    outline.len() < 3 || !sides.into_iter().any(|(a, b)| beyond(a, b))
+    outline.len() > 2 && (0..outline.len()).any(|i| beyond(outline[i], outline[(i + 1) % outline.len()]))
+}
+
+/// Positions of the tiles that an outline has something of.
+fn tiles_of(outline: Option<&[DVec2]>, edge: u32, tiles: [usize; 2]) -> Vec<usize> {
+    let edge = f64::from(edge);
+    let (low, high) = outline.map_or((DVec2::NEG_INFINITY, DVec2::INFINITY), box_around);
+    // What is beside the picture ends before its first tile, or begins behind its last.
+    let [x, y] = [0, 1].map(|a| {
+        let first = ((low[a] - MARGIN) / edge).floor().clamp(0.0, tiles[a] as f64) as usize;
+        let behind = ((high[a] + MARGIN) / edge + 1.0).floor().clamp(0.0, tiles[a] as f64) as usize;
+        first..behind
+    });
+    let all = y.flat_map(|j| x.clone().map(move |i| (i, j)));
+    let is_touched = |(i, j): &(usize, usize)| {
+        let corner = DVec2::new(*i as f64, *j as f64) * edge;
+        outline.is_none_or(|outline| !is_beside(outline, corner, corner + edge))
+    };
+    all.filter(is_touched).map(|(i, j)| i + tiles[0] * j).collect()
 }
 
 /// How two cells lie to each other, for all rays.
@@ -200,11 +236,7 @@ fn front_to_back(placed: &[Placed], outlines: &[Option<Vec<DVec2>>], view: &View
 }
 
 fn boxes_touch(a: &[DVec2], b: &[DVec2]) -> bool {
-    let bounds = |points: &[DVec2]| {
-        let none = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-        points.iter().fold(none, |(low, high), p| (low.min(*p), high.max(*p)))
-    };
-    let ((a_low, a_high), (b_low, b_high)) = (bounds(a), bounds(b));
+    let ((a_low, a_high), (b_low, b_high)) = (box_around(a), box_around(b));
     a_low.cmple(b_high + MARGIN).all() && b_low.cmple(a_high + MARGIN).all()
 }
 
@@ -213,8 +245,9 @@ fn walls(cell: &Cell) -> impl Iterator<Item = (&Facet, bool)> {
     cell.bounds.facets.iter().zip(cell.open.iter().copied()).filter(|(facet, _)| facet.cut.is_some())
 }
 
-/// The texels of a cell and its walls, as `shaders/lib/part.wgsl` reads them.
-fn texels(cell: &Cell, object: &Object, camera: &Camera, near: &NearPlane) -> Vec<[f32; 4]> {
+/// The texels of a cell and its walls, as `shaders/lib/part.wgsl` and what goes through cells read them; `turned`: where not all cells
+/// were only shifted.
+fn texels(cell: &Cell, turned: bool, object: &Object, camera: &Camera, near: &NearPlane) -> Vec<[f32; 4]> {
     let grid = &object.volume.grid;
     let rest = cell.pose.inverse();
     let index = grid.index_from_world() * rest;
@@ -227,7 +260,9 @@ fn texels(cell: &Cell, object: &Object, camera: &Camera, near: &NearPlane) -> Ve
     let walls: Vec<_> = walls(cell).collect();
     let texel = |v: DVec3, w: f64| v.extend(w).as_vec4().to_array();
     let to_index = |v: DVec3| index.transform_vector3(v);
-    let mut texels = vec![
+    let shift = -grid.index_from_world().transform_vector3(cell.pose.translation);
+    let mut texels = vec![texel(shift, walls.len() as f64)];
+    let anywhere = [
         texel(index.transform_point3(origin_mm), grid.spacing_mm().min_element() / spacing),
         texel(to_index(dx), walls.len() as f64),
         texel(to_index(dy), 0.0),
@@ -238,9 +273,12 @@ fn texels(cell: &Cell, object: &Object, camera: &Camera, near: &NearPlane) -> Ve
         texel(normal.y_axis, high.y),
         texel(normal.z_axis, high.z),
     ];
+    if turned {
+        texels = anywhere.to_vec();
+    }
     for (facet, open) in walls {
-        let outward = (rest.matrix3.transpose() * facet.plane.normal).normalize();
-        let plane = Plane { normal: outward, offset: outward.dot(cell.pose.transform_point3(facet.corners[0])) };
+        let plane = facet.plane.moved(&cell.pose);
+        let outward = plane.normal;
         texels.push(texel(outward, plane.height(origin_mm)));
         texels.push([outward.dot(dx) as f32, outward.dot(dy) as f32, f32::from(u8::from(open)), 0.0]);
         // How far behind the plane an index position is, in voxels as they lie.
@@ -276,16 +314,40 @@ impl PartLists {
         let side_by_side = sorted.is_none();
         let edge = TILE.max(size[0].max(size[1]).div_ceil(MAX_TILES));
         let tiles = size.map(|n| n.div_ceil(edge) as usize);
+        let reach = |(cell, placed): (&Cell, &Placed)| {
+            let depths = placed.hull.corners().map(|corner| (corner - camera.eye_mm).dot(camera.forward));
+            let ends = depths.fold([f64::INFINITY, f64::NEG_INFINITY], |a, d| [a[0].min(d), a[1].max(d)]);
+            let index = object.volume.grid.index_from_world() * cell.pose.inverse();
+            (ends, view.corners().map(|ray| index.transform_vector3(ray).length()).fold(0.0, f64::max))
+        };
+        let reaches = cells.iter().zip(&placed).map(reach).collect();
         let mut lists: Vec<Vec<usize>> = vec![Vec::new(); tiles[0] * tiles[1]];
         for i in sorted.unwrap_or_else(|| (0..outlines.len()).collect()) {
-            for (t, list) in lists.iter_mut().enumerate() {
-                let low = DVec2::new((t % tiles[0]) as f64, (t / tiles[0]) as f64) * f64::from(edge);
-                if outlines[i].as_ref().is_none_or(|o| touches(o, low, low + f64::from(edge))) {
-                    list.push(i);
-                }
+            for tile in tiles_of(outlines[i].as_deref(), edge, tiles) {
+                lists[tile].push(i);
             }
         }
-        Some(Self { cells, side_by_side, sphere, edge, tiles, lists })
+        Some(Self { cells, side_by_side, sphere, edge, tiles, reaches, lists })
+    }
+
+    /// The tiles of a picture of `size` pixels that have any.
+    pub fn coverage(&self, size: [u32; 2]) -> Coverage {
+        Coverage::of_tiles(size, self.edge, |tile| !self.lists[tile].is_empty())
+    }
+
+    /// Whether rays take them for parts that may lie anywhere: some were not only shifted, or they are walked side by side.
+    fn lie_anywhere(&self) -> bool {
+        self.side_by_side || self.cells.iter().any(|cell| cell.pose.matrix3 != DMat3::IDENTITY)
+    }
+
+    /// Whether a pipeline that walks one after the other has to turn them.
+    pub fn are_turned(&self) -> bool {
+        !self.side_by_side && self.lie_anywhere()
+    }
+
+    /// Texels of a cell before its walls.
+    fn cell_texels(&self) -> u32 {
+        if self.lie_anywhere() { CELL_TEXELS } else { SHIFTED_CELL_TEXELS }
     }
 
     /// The longest of the lists.
@@ -310,7 +372,14 @@ impl PartLists {
             if self.side_by_side {
                 bodies::most_pieces(&own)
             } else {
-                own.iter().map(|(pieces, _)| pieces.ceil() as u32 + 1 + UNITS_PER_CELL).sum()
+                // No place is in two of them.
+                let reaches = || list.iter().map(|i| self.reaches[*i]);
+                let begin = reaches().map(|(ends, _)| ends[0]).fold(f64::INFINITY, f64::min);
+                let end = reaches().map(|(ends, _)| ends[1]).fold(f64::NEG_INFINITY, f64::max);
+                let fastest = reaches().map(|(_, per_mm)| per_mm).fold(0.0, f64::max);
+                let pieces = own.iter().map(|(pieces, _)| pieces).sum::<f64>();
+                let pieces = pieces.min((end - begin).max(0.0) * fastest / step_voxels);
+                pieces.ceil() as u32 + list.len() as u32 * (1 + UNITS_PER_CELL)
             }
         };
         self.lists.iter().map(of_list).max().unwrap_or(0)
@@ -322,7 +391,7 @@ impl PartLists {
         let mut starts = Vec::with_capacity(self.cells.len());
         for cell in &self.cells {
             starts.push(at);
-            at += CELL_TEXELS + WALL_TEXELS * walls(cell).count() as u32;
+            at += self.cell_texels() + WALL_TEXELS * walls(cell).count() as u32;
         }
         starts
     }
@@ -330,7 +399,7 @@ impl PartLists {
     /// Per cell, the texel of its first wall, and how many walls it has.
     pub fn walls(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
         let starts = self.starts().into_iter();
-        starts.zip(&self.cells).map(|(start, cell)| [start + CELL_TEXELS, walls(cell).count() as u32])
+        starts.zip(&self.cells).map(|(start, cell)| [start + self.cell_texels(), walls(cell).count() as u32])
     }
 
     /// Binding 27 of `shaders/bind/parts.wgsl`.
@@ -360,7 +429,7 @@ impl PartLists {
         }
         let entry_of = |i: &usize| if self.side_by_side { *i as u32 } else { starts[*i] };
         data.extend(self.lists.iter().flatten().map(|i| [entry_of(i), 0, 0, 0]));
-        let cells = self.cells.iter().flat_map(|cell| texels(cell, object, camera, near));
+        let cells = self.cells.iter().flat_map(|cell| texels(cell, self.lie_anywhere(), object, camera, near));
         data.extend(cells.map(|texel| texel.map(f32::to_bits)));
         let rows = data.len().div_ceil(ROW);
         let most = context.device.limits().max_texture_dimension_2d as usize;
@@ -380,5 +449,29 @@ impl PartLists {
             bytemuck::cast_slice(&data),
         );
         Ok(texture.create_view(&Default::default()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_are_those_that_an_outline_touches() {
+        let square = |low: f64, high: f64| {
+            outline(vec![DVec2::new(low, low), DVec2::new(high, low), DVec2::new(low, high), DVec2::new(high, high)])
+        };
+        let tiles = |points: &[DVec2]| tiles_of(Some(points), 16, [4, 3]);
+        assert_eq!(tiles(&square(17.0, 30.0)), [5]);
+        assert_eq!(tiles(&square(10.0, 20.0)), [0, 1, 4, 5]);
+        // On an edge: those on both of its sides.
+        assert_eq!(tiles(&square(20.0, 32.0)), [5, 6, 9, 10]);
+        assert_eq!(tiles(&square(-90.0, -3.0)), [] as [usize; 0]);
+        assert_eq!(tiles(&square(70.0, 90.0)), [] as [usize; 0]);
+        assert_eq!(tiles(&square(-1e300, 1e300)).len(), 12);
+        assert_eq!(tiles_of(None, 16, [4, 3]).len(), 12);
+        // A sliver from corner to corner leaves out what its box has beside it.
+        let sliver = outline(vec![DVec2::new(2.0, 0.0), DVec2::new(46.0, 40.0), DVec2::new(46.5, 40.0)]);
+        assert_eq!(tiles(&sliver), [0, 1, 5, 6, 10]);
     }
 }

@@ -2,8 +2,9 @@
 //! which of the opacity functions there may be. An edit of a selection costs what it touches.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
-use super::raycast::small_texture;
+use super::raycast::{nearest, small_texture};
 use super::row_places::RowPlaces;
 use crate::error::{Error, Result};
 use crate::gpu::context::GpuContext;
@@ -53,7 +54,7 @@ pub struct Showing<'a> {
     /// Which rows of looks bricks may show.
     pub rows: &'a RowPlaces,
     /// Whether anything shows of stored numbers from low to high, by the functions of these bits.
-    pub shows: Box<dyn Fn(u32, f64, f64) -> bool + 'a>,
+    pub shows: Box<dyn Fn(u32, f64, f64) -> bool + Sync + 'a>,
     /// Whether the march leaps over empty bricks: otherwise none counts as empty.
     pub leaps: bool,
 }
@@ -236,6 +237,11 @@ impl Places {
     /// Distance to the nearest brick that shows something, and kind of brick.
     pub fn view(&self) -> wgpu::TextureView {
         self.texture.create_view(&Default::default())
+    }
+
+    /// Positions of the bricks that the first body, which lies over all of them, may show something of.
+    pub fn shown(&self) -> Arc<[u32]> {
+        self.sections.first().map_or_else(|| Arc::from([]), |section| nearest(&section.distances))
     }
 
     /// Per body: its first brick, the one behind its last, and where its first is in the map.

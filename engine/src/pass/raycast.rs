@@ -8,7 +8,9 @@ use glam::DVec3;
 use wgpu::util::DeviceExt as _;
 
 use super::bodies::{Lying, bodies_uniform, corners_mm, most_pieces, pieces_and_spacing, sphere_around, strengths};
+use super::coverage::Coverage;
 use super::distances::Distances;
+use super::may_show::MayShow;
 use super::parts::PartLists;
 use super::patterns::BoundPatterns;
 use super::regions::{Made, RegionLooks};
@@ -27,7 +29,7 @@ use crate::spaces::Grid;
 use crate::styles::StyleImage;
 use crate::styles::pattern::Pattern;
 use crate::volume::Volume;
-use crate::volume::bricks::MAX_SKIP_STEP;
+use crate::volume::bricks::{self, MAX_RIM_STEP};
 
 /// A `repr(C)` block that a shader reads, with the names and offsets of its fields for the test that compares them.
 macro_rules! uniform {
@@ -64,7 +66,7 @@ pub struct FrameUniform {
     right: [f32; 3],
     pixels_per_pt: f32,
     up: [f32; 3],
-    pad0: f32,
+    coverage_edge: u32,
     image_size: [u32; 2],
     tile_origin: [u32; 2],
     pieces: [u32; 2],
@@ -100,8 +102,12 @@ pub struct ObjectUniform {
     jump: f32,
     contour_pt: f32,
     transparency: f32,
-    pad0: f32,
+    first_cell: f32,
     ink: [f32; 4],
+    cells_per_texel: f32,
+    pad0: f32,
+    pad1: f32,
+    pad2: f32,
 }
 }
 
@@ -119,6 +125,7 @@ uniform! {
 /// `Lighting` of `shaders/bind/lighting.wgsl`.
 pub struct LightingUniform {
     lights: [LightUniform; MAX_LIGHTS],
+    model: [f32; 4],
     count: u32,
     pad0: u32,
     pad1: u32,
@@ -135,7 +142,8 @@ fn lighting_uniform(lighting: &Lighting, camera: &Camera) -> LightingUniform {
         Some(LightUniform { direction, share: share as f32, color: light.color, pad0: 0.0 })
     };
     let lights = std::array::from_fn(|i| light(i).unwrap_or_else(bytemuck::Zeroable::zeroed));
-    LightingUniform { lights, count: lighting.lights.len() as u32, pad0: 0, pad1: 0, pad2: 0 }
+    let model = lighting.map.blinn_phong().unwrap_or_default().map(|n| n as f32);
+    LightingUniform { lights, model, count: lighting.lights.len() as u32, pad0: 0, pad1: 0, pad2: 0 }
 }
 
 /// The plane at the front of all that is drawn where rays begin, found in f64: from there on f32 only has to resolve what is drawn,
@@ -196,7 +204,7 @@ impl FrameUniform {
             right: camera.right.as_vec3().to_array(),
             pixels_per_pt: (1.0 / scene.pixel_pt(image_size[1])) as f32,
             up: camera.up.as_vec3().to_array(),
-            pad0: 0.0,
+            coverage_edge: 1,
             image_size,
             tile_origin: [0, 0],
             pieces: [0, u32::MAX],
@@ -229,6 +237,10 @@ pub struct Picture<'a> {
     pub parts: Option<&'a PartLists>,
     /// Whether the march leaps over empty bricks: otherwise every brick counts as occupied, for tests and measurements.
     pub skip_empty: bool,
+    /// Edges of the whole picture in pixels.
+    pub size: [u32; 2],
+    /// Of how many of these one is drawn, across and down.
+    pub stride: u32,
 }
 
 /// An object ready to be drawn.
@@ -239,6 +251,7 @@ pub struct RaycastObject {
     bind_group: wgpu::BindGroup,
     grid: Grid,
     near: NearPlane,
+    coverage: Coverage,
     /// Passes that its longest ray needs, one after the other.
     pub num_passes: u32,
     /// Pieces of a ray that a pass walks; among several bodies, rounds of loops.
@@ -274,8 +287,14 @@ pub struct RaycastPass {
 struct Bound {
     uniform: ObjectUniform,
     skip_map: wgpu::TextureView,
+    /// The bricks that may show something, where they are known; of several bodies, those of the first.
+    shown: Option<Arc<[u32]>>,
     transfer_function: wgpu::TextureView,
     node_layers: wgpu::TextureView,
+    node_rows: NodeRows,
+    may_show: wgpu::TextureView,
+    /// Whether what shows may reach the faces of the volume.
+    at_faces: bool,
     /// With regions only.
     shared: Option<Shared>,
     /// What a pass may walk of a ray: pieces or, among several bodies, rounds of loops.
@@ -289,12 +308,21 @@ struct Shared {
     uniform: wgpu::Buffer,
     /// Bindings 12 and following of `shaders/bind/regions.wgsl`.
     textures: [wgpu::TextureView; 4],
-    /// Bindings 16 and 17, of `shaders/bind/functions.wgsl`.
-    functions: Option<(wgpu::Buffer, wgpu::TextureView)>,
+    /// Binding 16, of `shaders/bind/functions.wgsl`.
+    functions: Option<wgpu::Buffer>,
     /// Bindings 25 and 26, of `shaders/bind/rows.wgsl`.
     rows: Option<[wgpu::TextureView; 2]>,
     cuts: bool,
     bodies: Option<MovedBodies>,
+}
+
+/// The styles of functions' nodes, a row for each different list of them.
+#[derive(Clone, Debug)]
+pub(super) struct NodeRows {
+    /// Nodes in a row.
+    pub width: usize,
+    /// Of each node.
+    pub styles: Arc<[u32]>,
 }
 
 /// What moved regions add: bindings 18 and 19 of `shaders/bind/bodies.wgsl`.
@@ -318,11 +346,14 @@ struct Look {
     function: StyleTransferFunction,
     /// Usual length of a part of a piece, in reference lengths.
     lengths: f64,
-    /// Whether the march leaps over empty bricks.
-    leaps: bool,
+    /// How many bricks farther than its border pieces may reach out of one; none where they leap over nothing.
+    reach: Option<u8>,
     table: Arc<TransferTable>,
     transfer_function: wgpu::TextureView,
     skip_map: wgpu::TextureView,
+    /// Positions of the bricks that may show something.
+    shown: Option<Arc<[u32]>>,
+    may_show: MayShow,
 }
 
 /// Changes the WGSL text of a pipeline before it is compiled: how tests plant a defect.
@@ -384,13 +415,14 @@ impl RaycastPass {
         regions: Option<&ResidentRegions>,
         picture: Picture<'_>,
     ) -> Result<RaycastObject> {
-        let Picture { parts, skip_empty } = picture;
+        let Picture { parts, skip_empty, size, stride } = picture;
         let key = RaycastKey {
             filtered: resident.filtered,
             table_filtered: context.formats.r32_filterable,
             no_data: resident.validity.is_some(),
             colors: resident.colors.is_some(),
             alpha: resident.alpha,
+            sampled_gradients: resident.colors.is_none() && resident.gradient_encoding.is_some(),
             regions: false,
             labels: false,
             functions: false,
@@ -400,9 +432,13 @@ impl RaycastPass {
             many_bodies: false,
             meetings: false,
             parts: false,
+            turned: false,
+            faces: true,
             contours: object.has_contours(),
             transparency: object.has_illustrative_transparency(),
             lit: object.lighting.is_some(),
+            lighting_map: object.lighting.as_ref().is_some_and(|lighting| lighting.map.blinn_phong().is_none()),
+            several_lights: object.lighting.as_ref().is_some_and(|lighting| lighting.lights.len() > 1),
             patterns: scene.has_patterns(object),
             curvature: scene.patterns(object).any(Pattern::follows_curvature),
             resumed: false,
@@ -410,7 +446,8 @@ impl RaycastPass {
         let device = &context.device;
         let volume = &object.volume;
         let grid = volume.grid;
-        let leaps = skip_empty && scene.quality.step_voxels <= MAX_SKIP_STEP;
+        let step_voxels = scene.quality.step_voxels;
+        let reach = skip_empty.then(|| bricks::reach(step_voxels));
         let sphere = parts.map_or_else(
             || sphere_around(&object.bodies().iter().flat_map(|body| corners_mm(object, body)).collect::<Vec<_>>()),
             |parts| parts.sphere,
@@ -418,8 +455,12 @@ impl RaycastPass {
         let near = NearPlane::new(&scene.camera, sphere);
         let labels = regions.is_some_and(|regions| regions.borders() == Borders::TwoLookUps);
         let bound = match regions {
-            None => self.bind_look(context, scene, object, resident, leaps),
-            Some(regions) => self.bind_regions(context, scene, object, resident, regions, &near, (parts, leaps))?,
+            None => self.bind_look(context, scene, object, resident, reach),
+            Some(regions) => {
+                // What there is in a brick is known for no longer pieces.
+                let leaps = reach == Some(0);
+                self.bind_regions(context, scene, object, resident, regions, &near, (parts, leaps))?
+            }
         };
         let key = match &bound.shared {
             None => key,
@@ -440,7 +481,21 @@ impl RaycastPass {
             None => None,
             Some(parts) => Some(parts.upload(context, object, &scene.camera, &near)?),
         };
-        let key = RaycastKey { parts: parts.is_some(), ..key };
+        let key = RaycastKey {
+            parts: parts.is_some(),
+            turned: parts.is_some_and(PartLists::are_turned),
+            faces: bound.at_faces || key.bodies,
+            ..key
+        };
+        let coverage = match (parts, &bound.shown) {
+            (Some(parts), _) => parts.coverage(size),
+            (None, Some(shown)) if !key.bodies => {
+                let [nx, ny, _] = volume.bricks().dims.map(|n| n as u32);
+                let places = shown.iter().map(|i| [i % nx, i / nx % ny, i / (nx * ny)].map(|n| n as usize));
+                Coverage::of_bricks(places, &grid, &scene.camera, &near, size, stride)
+            }
+            _ => Coverage::of_tiles(size, size[0].max(size[1]), |_| true),
+        };
         let uniform = uniform_buffer(context, "object", bytemuck::bytes_of(&bound.uniform));
         let styles = self.style_array(context, &scene.styles)?;
         let filter = if key.filtered { wgpu::FilterMode::Linear } else { wgpu::FilterMode::Nearest };
@@ -457,7 +512,6 @@ impl RaycastPass {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
-        let step_voxels = scene.quality.step_voxels;
         let num_pieces = match parts {
             Some(parts) => parts.most_pieces(object, step_voxels),
             None => {
@@ -471,7 +525,8 @@ impl RaycastPass {
         if num_passes > 1 {
             self.pipeline(context, RaycastKey { resumed: true, ..key })?;
         }
-        let lighting = object.lighting.as_ref().map(|lighting| self.lighting(context, scene, lighting));
+        let lighting =
+            object.lighting.as_ref().map(|lighting| self.lighting(context, scene, lighting, &bound.node_rows));
         let pipeline = self.pipeline(context, key)?;
         let mut entries = vec![
             wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
@@ -483,15 +538,15 @@ impl RaycastPass {
             texture_entry(6, &bound.node_layers),
             texture_entry(7, &styles),
             wgpu::BindGroupEntry { binding: 8, resource: wgpu::BindingResource::Sampler(&style_sampler) },
+            texture_entry(17, &bound.may_show),
         ];
         entries.extend(resident.validity.as_ref().map(|v| texture_entry(9, v)));
         entries.extend(resident.colors.as_ref().map(|c| texture_entry(10, c)));
         if let Some(shared) = &bound.shared {
             entries.push(wgpu::BindGroupEntry { binding: 11, resource: shared.uniform.as_entire_binding() });
             entries.extend((12..).zip(&shared.textures).map(|(i, view)| texture_entry(i, view)));
-            if let Some((uniform, may_show)) = &shared.functions {
+            if let Some(uniform) = &shared.functions {
                 entries.push(wgpu::BindGroupEntry { binding: 16, resource: uniform.as_entire_binding() });
-                entries.push(texture_entry(17, may_show));
             }
             if let Some(rows) = &shared.rows {
                 entries.extend((25..).zip(rows).map(|(i, view)| texture_entry(i, view)));
@@ -504,7 +559,7 @@ impl RaycastPass {
         if let Some((uniform, map, colors)) = &lighting {
             entries.push(texture_entry(22, colors));
             entries.push(wgpu::BindGroupEntry { binding: 20, resource: uniform.as_entire_binding() });
-            entries.push(texture_entry(21, map));
+            entries.extend(map.as_ref().map(|map| texture_entry(21, map)));
         }
         let patterns = key.patterns.then(|| BoundPatterns::new(context, scene, object));
         if let Some(patterns) = &patterns {
@@ -512,12 +567,14 @@ impl RaycastPass {
             entries.push(texture_entry(24, &patterns.table));
         }
         entries.extend(part_lists.as_ref().map(|view| texture_entry(27, view)));
+        let depths = key.is_whole().then(|| coverage.upload(context));
+        entries.extend(depths.as_ref().map(|view| texture_entry(28, view)));
         let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("object"),
             layout: &pipeline.object_layout,
             entries: &entries,
         });
-        Ok(RaycastObject { key, bind_group, grid, near, num_passes, units_per_pass: bound.units_per_pass })
+        Ok(RaycastObject { key, bind_group, grid, near, coverage, num_passes, units_per_pass: bound.units_per_pass })
     }
 
     /// What an object without regions is drawn with.
@@ -527,10 +584,11 @@ impl RaycastPass {
         scene: &Scene,
         object: &Object,
         resident: &ResidentVolume,
-        leaps: bool,
+        reach: Option<u8>,
     ) -> Bound {
         let lengths = in_steps(usual_length_mm(scene, object) / object.transfer_function.reference_length_mm);
-        let Look { table, transfer_function, skip_map, .. } = self.look(context, object, resident, lengths, leaps);
+        let Look { table, transfer_function, skip_map, shown, may_show, .. } =
+            self.look(context, object, resident, lengths, reach);
         let layers: Vec<u32> = object.transfer_function.nodes.iter().map(|n| n.style as u32).collect();
         let node_layers = small_texture(
             context,
@@ -541,8 +599,12 @@ impl RaycastPass {
             bytemuck::cast_slice(&layers),
         );
         Bound {
-            uniform: object_uniform(scene, object, resident, &table, &object.transfer_function),
+            uniform: object_uniform(scene, object, resident, (&table, &may_show), &object.transfer_function),
             skip_map,
+            shown,
+            may_show: may_show.map,
+            at_faces: reaches_faces(scene, object, resident, std::slice::from_ref(&table)),
+            node_rows: NodeRows { width: layers.len(), styles: layers.into() },
             transfer_function,
             node_layers: node_layers.create_view(&Default::default()),
             shared: None,
@@ -580,9 +642,8 @@ impl RaycastPass {
         looks.update(context, object, resident, regions)?;
         let [rounds_per_piece, _] = looks.rounds(regions, looking(scene, object));
         let uniform = looks.uniform(object, regions, looking(scene, object));
-        let functions = looks.functions().map(|(uniform, may_show)| {
-            (uniform_buffer(context, "functions", bytemuck::bytes_of(&uniform)), may_show.clone())
-        });
+        let functions =
+            looks.functions().map(|uniform| uniform_buffer(context, "functions", bytemuck::bytes_of(&uniform)));
         let has_moved = match parts {
             Some(parts) => parts.side_by_side,
             None => object.regions.iter().any(|region| region.moved().is_some()),
@@ -599,8 +660,12 @@ impl RaycastPass {
         let rows = looks.rows.clone().map(|rows| [rows, self.distances.get(context, object)]);
         let [directory, entries, atlas] = regions.views();
         Ok(Bound {
-            uniform: object_uniform(scene, object, resident, looks.table(), &looks.function),
+            uniform: object_uniform(scene, object, resident, (looks.table(), &looks.may_show), &looks.function),
+            may_show: looks.may_show.map.clone(),
+            at_faces: reaches_faces(scene, object, resident, &looks.layers),
+            node_rows: looks.node_rows.clone(),
             skip_map: looks.skip_map(),
+            shown: leaps.then(|| looks.shown()),
             transfer_function: looks.tables.clone(),
             node_layers: looks.node_layers.clone(),
             shared: Some(Shared {
@@ -618,8 +683,8 @@ impl RaycastPass {
 
     /// The frame uniform for an object, before it is narrowed to a tile.
     pub fn frame(&self, scene: &Scene, object: &RaycastObject, image_size: [u32; 2]) -> FrameUniform {
-        let pieces = [0, object.units_per_pass];
-        FrameUniform { pieces, ..FrameUniform::new(scene, &object.grid, &object.near, image_size) }
+        let (pieces, coverage_edge) = ([0, object.units_per_pass], object.coverage.edge);
+        FrameUniform { pieces, coverage_edge, ..FrameUniform::new(scene, &object.grid, &object.near, image_size) }
     }
 
     /// Records the drawing of one tile into the lower-index corner of `target`. `gathered`: what the passes before have
@@ -662,8 +727,11 @@ impl RaycastPass {
             pass.set_bind_group(2, &group, &[]);
         }
         pass.set_viewport(0.0, 0.0, size[0] as f32, size[1] as f32, 0.0, 1.0);
-        pass.set_scissor_rect(0, 0, size[0], size[1]);
-        pass.draw(0..3, 0..1);
+        // One triangle over the tile each: what is not covered costs nothing.
+        for [x, y, width, height] in object.coverage.boxes(frame.tile_origin, frame.stride, size) {
+            pass.set_scissor_rect(x, y, width, height);
+            pass.draw(0..3, 0..1);
+        }
     }
 
     fn pipeline(&mut self, context: &GpuContext, key: RaycastKey) -> Result<&Pipeline> {
@@ -680,7 +748,7 @@ impl RaycastPass {
         object: &Object,
         resident: &ResidentVolume,
         lengths: f64,
-        leaps: bool,
+        reach: Option<u8>,
     ) -> Look {
         // A volume that nobody holds any more may have left its address to another one.
         self.looks.retain(|look| look.volume.strong_count() > 0);
@@ -688,7 +756,7 @@ impl RaycastPass {
             std::ptr::eq(look.volume.as_ptr(), &*object.volume)
                 && look.function.classifies_as(&object.transfer_function)
                 && look.lengths == lengths
-                && look.leaps == leaps
+                && look.reach == reach
         });
         if let Some(known) = known {
             return known.clone();
@@ -704,11 +772,12 @@ impl RaycastPass {
             bytemuck::cast_slice(&table.entries),
         );
         let bricks = object.volume.bricks();
-        let distances = if leaps {
-            let texel = |stored| resident.encoding.texel(stored);
-            bricks.distances(|low, high| table.shows(texel(low), texel(high)))
-        } else {
-            vec![0; bricks.ranges.len()]
+        let distances = match reach {
+            Some(reach) => {
+                let texel = |stored| resident.encoding.texel(stored);
+                bricks.distances(reach, |low, high| table.shows(texel(low), texel(high)))
+            }
+            None => vec![0; bricks.ranges.len()],
         };
         let skip_map = small_texture(
             context,
@@ -718,12 +787,15 @@ impl RaycastPass {
             wgpu::TextureFormat::R8Uint,
             &distances,
         );
+        let table = Arc::new(table);
         let look = Look {
             volume: Arc::downgrade(&object.volume),
             function: function.clone(),
             lengths,
-            leaps,
-            table: Arc::new(table),
+            reach,
+            shown: reach.map(|_| nearest(&distances)),
+            may_show: MayShow::new(context, std::slice::from_ref(&table), object, resident),
+            table,
             transfer_function: transfer_function.create_view(&Default::default()),
             skip_map: skip_map.create_view(&Default::default()),
         };
@@ -740,16 +812,28 @@ impl RaycastPass {
         context: &GpuContext,
         scene: &Scene,
         lighting: &Lighting,
-    ) -> (wgpu::Buffer, wgpu::TextureView, wgpu::TextureView) {
-        let known = self.lighting_map.as_ref().filter(|(map, _)| *map == lighting.map);
+        nodes: &NodeRows,
+    ) -> (wgpu::Buffer, Option<wgpu::TextureView>, wgpu::TextureView) {
+        let view = lighting.map.blinn_phong().is_none().then(|| self.lighting_map(context, lighting.map));
+        let colors: Vec<[f32; 4]> = nodes.styles.iter().map(|style| scene.styles[*style as usize].color).collect();
+        let colors = small_texture(
+            context,
+            "node colors",
+            extent([nodes.width, nodes.styles.len() / nodes.width, 1]),
+            wgpu::TextureDimension::D2,
+            wgpu::TextureFormat::Rgba32Float,
+            bytemuck::cast_slice(&colors),
+        );
+        let uniform =
+            uniform_buffer(context, "lighting", bytemuck::bytes_of(&lighting_uniform(lighting, &scene.camera)));
+        (uniform, view, colors.create_view(&Default::default()))
+    }
+
+    fn lighting_map(&mut self, context: &GpuContext, map: LightingMap) -> wgpu::TextureView {
+        let known = self.lighting_map.as_ref().filter(|(known, _)| *known == map);
         let view = known.map(|(_, view)| view.clone()).unwrap_or_else(|| {
-            let texels: Vec<half::f16> = lighting
-                .map
-                .table()
-                .texels
-                .iter()
-                .flat_map(|[a, d, s]| [*a, *d, *s, 0.0].map(half::f16::from_f32))
-                .collect();
+            let texels: Vec<half::f16> =
+                map.table().texels.iter().flat_map(|[a, d, s]| [*a, *d, *s, 0.0].map(half::f16::from_f32)).collect();
             let texture = small_texture(
                 context,
                 "lighting map",
@@ -760,19 +844,8 @@ impl RaycastPass {
             );
             texture.create_view(&Default::default())
         });
-        self.lighting_map = Some((lighting.map, view.clone()));
-        let colors: Vec<[f32; 4]> = scene.styles.iter().map(|style| style.color).collect();
-        let colors = small_texture(
-            context,
-            "style colors",
-            extent([colors.len(), 1, 1]),
-            wgpu::TextureDimension::D2,
-            wgpu::TextureFormat::Rgba32Float,
-            bytemuck::cast_slice(&colors),
-        );
-        let uniform =
-            uniform_buffer(context, "lighting", bytemuck::bytes_of(&lighting_uniform(lighting, &scene.camera)));
-        (uniform, view, colors.create_view(&Default::default()))
+        self.lighting_map = Some((map, view.clone()));
+        view
     }
 
     fn style_array(&mut self, context: &GpuContext, styles: &[Arc<StyleImage>]) -> Result<wgpu::TextureView> {
@@ -786,6 +859,18 @@ impl RaycastPass {
         self.styles = Some((styles.to_vec(), view.clone()));
         Ok(view)
     }
+}
+
+/// Whether anything that these functions show may reach the faces of the volume.
+fn reaches_faces(scene: &Scene, object: &Object, resident: &ResidentVolume, tables: &[Arc<TransferTable>]) -> bool {
+    let (low, high) = object.volume.bricks().rim;
+    let [low, high] = [low, high].map(|stored| resident.encoding.texel(stored));
+    scene.quality.step_voxels > MAX_RIM_STEP || tables.iter().any(|table| table.shows(low, high))
+}
+
+/// Positions of the bricks at a distance of 0.
+pub(super) fn nearest(distances: &[u8]) -> Arc<[u32]> {
+    (0..).zip(distances).filter(|(_, distance)| **distance == 0).map(|(i, _)| i).collect()
 }
 
 /// Rounds of loops that a look at an object takes.
@@ -809,7 +894,7 @@ fn object_uniform(
     scene: &Scene,
     object: &Object,
     resident: &ResidentVolume,
-    table: &TransferTable,
+    (table, may_show): (&TransferTable, &MayShow),
     function: &StyleTransferFunction,
 ) -> ObjectUniform {
     let drawn = FunctionDrawing::of(function);
@@ -817,7 +902,9 @@ fn object_uniform(
     let column = |v: DVec3| v.as_vec3().to_array();
     let to_index = grid.index_from_world().matrix3;
     // Central difference over two voxels → texels per voxel → data units per voxel → per mm → share of G.
-    let per_texel = 0.5 * object.volume.rescale.slope / (resident.gradient_encoding.scale * resident.gradient_max);
+    let per_texel = resident
+        .gradient_encoding
+        .map_or(0.0, |encoding| 0.5 * object.volume.rescale.slope / (encoding.scale * resident.gradient_max));
     let faces = grid.world_gradient_from_index();
     let gradient = faces * per_texel;
     let dims = DVec3::from_array(grid.dims().map(|n| n as f64));
@@ -847,8 +934,12 @@ fn object_uniform(
         jump: table.jump as f32,
         contour_pt: drawn.contour_pt,
         transparency: f32::from(u8::from(drawn.transparency)),
-        pad0: 0.0,
+        first_cell: may_show.first_cell,
         ink: drawn.ink,
+        cells_per_texel: may_show.cells_per_texel,
+        pad0: 0.0,
+        pad1: 0.0,
+        pad2: 0.0,
     }
 }
 
@@ -904,7 +995,7 @@ fn make_pipeline(
         let mut entries = vec![
             entry(0, uniform_binding()),
             entry(1, volume),
-            entry(2, if key.colors { filterable } else { volume }),
+            entry(2, if key.sampled_gradients { volume } else { filterable }),
             entry(3, volume_sampler),
             entry(4, texture_binding(wgpu::TextureSampleType::Uint, VIEW_3D)),
             entry(5, texture_binding(table, if key.functions { arrays } else { wgpu::TextureViewDimension::D2 })),
@@ -917,6 +1008,7 @@ fn make_pipeline(
                 ),
             ),
             entry(8, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+            entry(17, texture_binding(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)),
         ];
         if key.no_data {
             entries.push(entry(9, volume));
@@ -936,10 +1028,7 @@ fn make_pipeline(
             ]);
         }
         if key.functions {
-            entries.extend([
-                entry(16, uniform_binding()),
-                entry(17, texture_binding(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)),
-            ]);
+            entries.push(entry(16, uniform_binding()));
         }
         if key.rows {
             let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
@@ -949,7 +1038,9 @@ fn make_pipeline(
         if key.lit {
             let filtered = wgpu::TextureSampleType::Float { filterable: true };
             entries.push(entry(20, uniform_binding()));
-            entries.push(entry(21, texture_binding(filtered, wgpu::TextureViewDimension::D2)));
+            if key.lighting_map {
+                entries.push(entry(21, texture_binding(filtered, wgpu::TextureViewDimension::D2)));
+            }
             let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
             entries.push(entry(22, texture_binding(unfilterable, wgpu::TextureViewDimension::D2)));
         }
@@ -960,6 +1051,10 @@ fn make_pipeline(
         }
         if key.parts {
             entries.push(entry(27, texture_binding(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)));
+        }
+        if key.is_whole() {
+            let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
+            entries.push(entry(28, texture_binding(unfilterable, wgpu::TextureViewDimension::D2)));
         }
         if key.bodies {
             entries.push(entry(18, uniform_binding()));

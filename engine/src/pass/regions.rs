@@ -3,8 +3,9 @@
 
 use std::sync::{Arc, Weak};
 
+use super::may_show::MayShow;
 use super::places::{LookBits, MAX_KINDS, Places, Showing};
-use super::raycast::{FunctionDrawing, in_steps, small_texture, uniform};
+use super::raycast::{FunctionDrawing, NodeRows, in_steps, small_texture, uniform};
 use super::row_places::{BrickEdges, RowPlaces};
 use super::transfer_table::{TABLE_SIZE, TransferTable};
 use crate::error::Result;
@@ -16,9 +17,6 @@ use crate::scene::region::MAX_OPACITY_FUNCTIONS;
 use crate::scene::{Across, Axis, Borders, Look, Object, Role, StyleTransferFunction};
 use crate::selection::DistanceField;
 use crate::volume::Volume;
-
-/// Cells along each axis of what tells whether anything shows between two values.
-const CELLS: usize = 256;
 
 uniform! {
 /// `Layer` of `shaders/bind/functions.wgsl`.
@@ -39,10 +37,6 @@ uniform! {
 pub struct FunctionsUniform {
     layers: [LayerUniform; MAX_OPACITY_FUNCTIONS],
     kinds: [[u32; 4]; MAX_KINDS / 4],
-    first_cell: f32,
-    cells_per_texel: f32,
-    pad0: f32,
-    pad1: f32,
 }
 }
 
@@ -82,25 +76,19 @@ pub struct RegionLooks {
     /// The styles of the nodes, a row for each different list of them.
     pub node_layers: wgpu::TextureView,
     /// The tables, one a different function.
-    layers: Vec<Arc<TransferTable>>,
+    pub layers: Vec<Arc<TransferTable>>,
     /// The tables, one layer each; a plain texture if there is but one function.
     pub tables: wgpu::TextureView,
+    /// Between which values they may show something.
+    pub may_show: MayShow,
+    /// The styles of the nodes, as `node_layers` has them.
+    pub(super) node_rows: NodeRows,
     /// What only several functions need.
-    functions: Option<Functions>,
+    functions: Option<[LayerUniform; MAX_OPACITY_FUNCTIONS]>,
     /// Per body and look, the bits of its functions.
     bits: Vec<Vec<LookBits>>,
     row_places: RowPlaces,
     places: Places,
-}
-
-/// Several functions from value to opacity.
-#[derive(Debug)]
-struct Functions {
-    layers: [LayerUniform; MAX_OPACITY_FUNCTIONS],
-    first_cell: f32,
-    cells_per_texel: f32,
-    /// Which functions may show something between two values.
-    may_show: wgpu::TextureView,
 }
 
 /// What of an object the looks are made of, to be compared.
@@ -371,15 +359,8 @@ impl RegionLooks {
         let table_size = extent([TABLE_SIZE, TABLE_SIZE, layers.len()]);
         let made = small_texture(context, "transfer functions", table_size, two, float, bytemuck::cast_slice(&entries));
         let functions = has_functions.then(|| {
-            let (first_cell, cells_per_texel, cells) = may_show(&layers, object, resident);
-            let size = extent([CELLS, CELLS, 1]);
-            Functions {
-                // What no look has is never read.
-                layers: std::array::from_fn(|i| layer_uniform(&layers[i.min(layers.len() - 1)])),
-                first_cell,
-                cells_per_texel,
-                may_show: plain(small_texture(context, "may show", size, two, uint, bytemuck::cast_slice(&cells))),
-            }
+            // What no look has is never read.
+            std::array::from_fn(|i| layer_uniform(&layers[i.min(layers.len() - 1)]))
         });
         let bits: Vec<Vec<LookBits>> = bits.chunks(1 + object.regions.len()).map(<[LookBits]>::to_vec).collect();
         // With longer steps than one leaps with, pieces reach farther out of a brick than its rows are known for.
@@ -403,7 +384,9 @@ impl RegionLooks {
             region_looks: plain(small_texture(context, "region looks", extent(three), two, float, texels)),
             node_layers: plain(node_layers),
             tables: if has_functions { arrays(&made) } else { plain(made) },
+            may_show: MayShow::new(context, &layers, object, resident),
             functions,
+            node_rows: NodeRows { width, styles: nodes.into() },
             bits,
             row_places,
             layers,
@@ -439,19 +422,22 @@ impl RegionLooks {
         self.places.view()
     }
 
+    /// See [`Places::shown`].
+    pub fn shown(&self) -> Arc<[u32]> {
+        self.places.shown()
+    }
+
     /// Where the bodies' bricks are in the skip map; see [`Places::sections`].
     pub fn sections(&self) -> impl Iterator<Item = [[usize; 3]; 3]> + '_ {
         self.places.sections()
     }
 
-    /// What only several functions need: their uniform, and which of them may show something between two values.
-    pub fn functions(&self) -> Option<(FunctionsUniform, &wgpu::TextureView)> {
-        let functions = self.functions.as_ref()?;
+    /// What only several functions need.
+    pub fn functions(&self) -> Option<FunctionsUniform> {
+        let layers = self.functions?;
         let masks = self.places.masks();
         let kinds = std::array::from_fn(|i| std::array::from_fn(|j| masks.get(4 * i + j).copied().unwrap_or(0)));
-        let Functions { layers, first_cell, cells_per_texel, .. } = *functions;
-        let uniform = FunctionsUniform { layers, kinds, first_cell, cells_per_texel, pad0: 0.0, pad1: 0.0 };
-        Some((uniform, &functions.may_show))
+        Some(FunctionsUniform { layers, kinds })
     }
 
     /// The uniform for the atlas as it is now. `shade`: as of [`RegionLooks::rounds`].
@@ -527,38 +513,4 @@ fn layer_uniform(table: &TransferTable) -> LayerUniform {
         above: outer(1),
         pad1: 0.0,
     }
-}
-
-/// Texel value of the first cell, cells per texel unit, and which functions, a bit each, may show something between values in two
-/// cells. Never no where something shows.
-fn may_show(tables: &[Arc<TransferTable>], object: &Object, resident: &ResidentVolume) -> (f32, f32, Vec<u32>) {
-    let (low, high) = object.volume.bricks().range();
-    let (low, high) = (resident.encoding.texel(low), resident.encoding.texel(high));
-    // The values that the tables tell apart; what lies beyond is in the outermost cells.
-    let ends = tables.iter().map(|t| {
-        let (a, b) = (t.first, t.first + 1.0 / t.scale);
-        (a.min(b), a.max(b))
-    });
-    let (from, to) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
-    let (from, to) = (from.max(low), to.min(high));
-    let to = if to > from { to } else { from + 1.0 };
-    let per_texel = (CELLS - 2) as f64 / (to - from);
-    let first = from - 1.0 / per_texel;
-    // A cell on either side, for rounding.
-    let edge = |cell: isize| match cell {
-        ..=0 => low.min(first),
-        c if c >= CELLS as isize => high.max(to),
-        c => first + c as f64 / per_texel,
-    };
-    let mut cells = vec![0; CELLS * CELLS];
-    for back in 0..CELLS {
-        for front in 0..=back {
-            let (low, high) = (edge(front as isize - 1), edge(back as isize + 2));
-            let bit = |(layer, table): (usize, &Arc<TransferTable>)| u32::from(table.shows(low, high)) << layer;
-            let shown = tables.iter().enumerate().map(bit).fold(0, |a, b| a | b);
-            cells[front + CELLS * back] = shown;
-            cells[back + CELLS * front] = shown;
-        }
-    }
-    (first as f32, per_texel as f32, cells)
 }

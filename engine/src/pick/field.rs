@@ -5,7 +5,7 @@ use std::cell::OnceCell;
 use glam::{DMat3, DVec3, DVec4};
 
 use crate::reference::color::{Jacobian, premultiplied};
-use crate::reference::sample::{Quantity, central_differences, trilinear};
+use crate::reference::sample::{Quantity, central_differences, trilinear, within_centers};
 use crate::scene::Object;
 
 /// Gauss-Hermite quadrature with three points: a Gaussian of deviation σ as samples at these multiples of it. Exact for
@@ -61,6 +61,7 @@ impl<'a> Field<'a> {
     /// ĝ's numerator at `p`: the gradient of the data, or what the change of colors makes of it, smoothed by a Gaussian of
     /// deviation `sigma` (in voxels along each axis).
     pub fn gradient(&self, p: DVec3, sigma: DVec3, to_world: DMat3) -> DVec3 {
+        let p = within_centers(self.object.volume.grid.dims(), p);
         match &self.object.volume.colors {
             None => central_differences(|p| smoothed(|p| self.value(p), p, sigma), to_world, p),
             Some(colors) => Jacobian::at(|p| smoothed(|p| self.color(colors, p), p, sigma), to_world, p).gradient(),

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::window::{OnGrid, Window};
 use super::{Entry, Numbers, ReadOptions};
 use crate::error::{Error, Result};
+use crate::gpu::context::MOST_GRADIENT_BYTES;
 
 /// What a volume may take. Nothing is limited by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -23,7 +24,7 @@ pub struct Limits {
 pub struct Cost {
     /// The voxels in memory.
     pub voxels: u64,
-    /// The textures on the adapter: values, and the smoothed copy that gradients are taken from.
+    /// The textures on the adapter: values, and gradients or the smoothed copy that these are taken from.
     pub adapter: u64,
 }
 
@@ -46,12 +47,13 @@ impl Entry {
     /// What this volume, or a part of it, will take.
     pub fn cost(&self, part: &OnGrid) -> Cost {
         let num_voxels = part.num_voxels() as u64;
-        // As `gpu::upload` chooses, and its test compares: 16 bits for small integers, else 32, and 32 for the smoothed copy;
-        // colors have 16 bits for their value and 4 × 16, twice.
+        // As `gpu::upload` chooses, and its test compares: 16 bits for small integers, else 32, and 4 × 16 for gradients (32 for the
+        // smoothed copy of a volume for whose gradients there is no room); colors have 16 bits for their value and 4 × 16, twice.
+        let gradients = if num_voxels.saturating_mul(8) <= MOST_GRADIENT_BYTES { 8 } else { 4 };
         let texel = match self.type_name {
             "rgb" | "rgba" => 2 + 8 + 8,
-            "uint8" | "int8" | "uint16" | "int16" => 2 + 4,
-            _ => 4 + 4,
+            "uint8" | "int8" | "uint16" | "int16" => 2 + gradients,
+            _ => 4 + gradients,
         };
         Cost {
             voxels: num_voxels.saturating_mul(self.bytes_per_voxel as u64),
@@ -199,7 +201,7 @@ mod tests {
         let fit = |limits: Limits, entry: &Entry| limits.fit(path, entry, &Window::default()).unwrap().reduce;
         let scan = entry([512, 512, 60], [0.5, 0.5, 5.0]);
         let whole = scan.cost(&Window::default().on(path, [512, 512, 60]).unwrap());
-        assert_eq!(whole, Cost { voxels: 512 * 512 * 60 * 2, adapter: 512 * 512 * 60 * 6 });
+        assert_eq!(whole, Cost { voxels: 512 * 512 * 60 * 2, adapter: 512 * 512 * 60 * 10 });
         let share = |n: u64| Limits { bytes: Some(whole.total() / n), edge: None };
         assert_eq!(fit(share(1), &scan), [1, 1, 1]);
         assert_eq!(fit(share(4), &scan), [2, 2, 1]);

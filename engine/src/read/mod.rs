@@ -718,12 +718,12 @@ mod tests {
         let folder = Folder::new();
         let bytes = NiftiFile::new(1, &Phantom::oriented("RAS"), ElementType::I16, Endian::Little).bytes();
         let path = folder.write("a.nii", &bytes);
-        let limits = Limits { bytes: Some(200), edge: None };
+        let limits = Limits { bytes: Some(300), edge: None };
         let options = ReadOptions { limits, ..ReadOptions::default() };
         let Err(Error::TooLarge(fault)) = read_volume(&path, &options, &Progress::new()) else { panic!("was read") };
         let sentence = fault.to_string();
         assert!(
-            sentence.contains("its 5 x 4 x 3 voxels take 480 bytes of memory, and it may take 200 bytes"),
+            sentence.contains("its 5 x 4 x 3 voxels take 720 bytes of memory, and it may take 300 bytes"),
             "{sentence}"
         );
         let fitting = ReadOptions { window: fault.fitting, ..options };

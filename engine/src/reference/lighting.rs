@@ -13,8 +13,8 @@ use crate::styles::StyleImage;
 pub struct Lit<'a> {
     /// The lights.
     pub lighting: &'a Lighting,
-    /// What light does.
-    pub table: LightingTable,
+    /// What light does, where no formula says it.
+    pub table: Option<LightingTable>,
 }
 
 /// Straight linear RGB and α_d of a sample of class `class`, whose normal has the components `n_xy` across the ray.
@@ -42,7 +42,9 @@ pub fn lit(
         let l = light.in_world(camera);
         let l = DVec3::new(l.dot(frame.right), l.dot(frame.up), -l.dot(direction));
         let h = (l + DVec3::Z).normalize_or_zero();
-        let [ambient, diffuse, specular] = table.at(normal.dot(l), normal.dot(h));
+        let (n_l, n_h) = (normal.dot(l), normal.dot(h));
+        let [ambient, diffuse, specular] =
+            table.as_ref().map_or_else(|| lighting.map.terms(n_l, n_h), |table| table.at(n_l, n_h));
         let c = DVec3::from_array(light.color.map(f64::from));
         let share = if brightness > 0.0 { light.luminance() / brightness } else { 1.0 / lighting.lights.len() as f64 };
         own += share * ambient + c * diffuse;

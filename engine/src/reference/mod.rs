@@ -214,7 +214,10 @@ fn prepare<'a>(scene: &'a Scene, object: &'a Object) -> Result<Prepared<'a>> {
         bodies: prepare_bodies(object),
         reference_length_mm: object.reference_length_mm(),
         styles: &scene.styles,
-        lighting: object.lighting.as_ref().map(|lighting| Lit { lighting, table: lighting.map.table() }),
+        lighting: object.lighting.as_ref().map(|lighting| Lit {
+            lighting,
+            table: lighting.map.blinn_phong().is_none().then(|| lighting.map.table()),
+        }),
         has_contours: object.has_contours(),
         has_patterns: scene.has_patterns(object),
         page_height_pt: scene.page_height_mm / 25.4 * 72.0,

@@ -117,9 +117,15 @@ pub fn central_differences(field: impl Fn(DVec3) -> f64, world_gradient_from_ind
 }
 
 /// g at the index-space position `p`, in data units per mm of world space: [`central_differences`] of the trilinear
-/// gradient volume.
+/// gradient volume. Beyond the outer voxel centers that of the edge goes on.
 pub fn gradient_at(gradient_volume: &Lattice, world_gradient_from_index: DMat3, p: DVec3) -> DVec3 {
-    central_differences(|q| sample_volume(gradient_volume, q), world_gradient_from_index, p)
+    let within = within_centers(gradient_volume.dims, p);
+    central_differences(|q| sample_volume(gradient_volume, q), world_gradient_from_index, within)
+}
+
+/// The place between the outer voxel centers of a grid of `dims` voxels that is nearest to the index-space position `p`.
+pub fn within_centers(dims: [usize; 3], p: DVec3) -> DVec3 {
+    p.clamp(DVec3::ZERO, DVec3::from_array(dims.map(|n| n as f64 - 1.0)))
 }
 
 /// G: the 99.9th percentile of ‖g‖, in data units per mm, over the voxels where it is above 0, from the unsmoothed

@@ -14,7 +14,7 @@ use super::pattern::{Sheet, drawn};
 use super::piece::{Piece, classify_piece};
 use super::ray::{Ray, Samples};
 use super::region::{Look, cut_face, joined, shares, smoothstep, where_flat};
-use super::sample::{Lattice, gradient_at, sample_volume, trilinear};
+use super::sample::{Lattice, gradient_at, sample_volume, trilinear, within_centers};
 use super::style::{
     Classification, Face, RayFrame, at_node, bend, classify, face_normal, facing, pixel_mm, ray_frame, shade,
     steepness, style_level, style_normal, surface_normal,
@@ -234,7 +234,10 @@ impl<'a> Line<'a> {
             None => Slope::Value(
                 gradient_at(&object.gradient_volume, object.world_gradient_from_index, p) / object.gradient_max,
             ),
-            Some(colors) => Slope::Color(Jacobian::at(|q| sample_volume(&colors.gradient_volume, q), to_world, p)),
+            Some(colors) => {
+                let within = within_centers(colors.gradient_volume.dims, p);
+                Slope::Color(Jacobian::at(|q| sample_volume(&colors.gradient_volume, q), to_world, within))
+            }
         }
     }
 

@@ -7,6 +7,8 @@ use crate::error::{Error, Result};
 
 /// Texels a side of a lighting map.
 pub const MAP_SIZE: usize = 256;
+/// n·l up to which Blinn and Phong's highlights fade in (`shaders/lib/light_model.wgsl`).
+const HIGHLIGHT_FADE: f64 = 0.01;
 /// Lights that an object may have.
 pub const MAX_LIGHTS: usize = 4;
 
@@ -71,12 +73,23 @@ pub struct LightingTable {
 }
 
 impl LightingMap {
+    /// Ambient, diffuse, specular and shininess where it is Blinn and Phong's model or one that this is as well; these are drawn
+    /// without a table.
+    pub fn blinn_phong(&self) -> Option<[f64; 4]> {
+        match *self {
+            Self::BlinnPhong { ambient, diffuse, specular, shininess } => Some([ambient, diffuse, specular, shininess]),
+            Self::Unshaded => Some([1.0, 0.0, 0.0, 1.0]),
+            Self::Cartoon | Self::Metal => None,
+        }
+    }
+
     /// Ambient, diffuse and specular at n·l and n·h.
     pub fn terms(&self, n_l: f64, n_h: f64) -> [f64; 3] {
         let n_h = n_h.max(0.0);
         match *self {
             Self::BlinnPhong { ambient, diffuse, specular, shininess } => {
-                let lit = if n_l > 0.0 { n_h.powf(shininess) } else { 0.0 };
+                // Where a highlight ends in shadow it fades: an edge there would be seen.
+                let lit = n_h.powf(shininess) * (n_l / HIGHLIGHT_FADE).clamp(0.0, 1.0);
                 [ambient, diffuse * n_l.max(0.0), specular * lit]
             }
             Self::Cartoon => {

@@ -13,6 +13,18 @@ pub const BRICK: usize = 8;
 /// has its ends at most half a step outside of it.
 pub const MAX_SKIP_STEP: f64 = 2.0;
 
+/// How many bricks a piece of `step_voxels` may reach into on either side of the one its middle is in, besides that one's border.
+pub fn reach(step_voxels: f64) -> u8 {
+    (0.5 * (step_voxels - MAX_SKIP_STEP) / BRICK as f64).ceil().clamp(0.0, f64::from(u8::MAX)) as u8
+}
+
+/// Voxels from the faces of a volume on, along each axis, that its rim takes.
+pub const RIM: usize = 4;
+
+/// The longest step, in voxels, of which what is seen within a voxel of a face is in the rim: a look at a fourth of it reaches that
+/// much farther.
+pub const MAX_RIM_STEP: f64 = 8.0;
+
 /// Voxels around a brick that its range includes: one that half a step reaches into, one for interpolation.
 const BORDER: usize = 2;
 
@@ -24,6 +36,8 @@ pub struct MinMaxBricks {
     pub dims: [usize; 3],
     /// (min, max) per brick, x fastest, in stored numbers.
     pub ranges: Vec<(f64, f64)>,
+    /// (min, max) of the [`RIM`] outermost voxels on all sides.
+    pub rim: (f64, f64),
     /// Whether a brick, border included, has nothing but transparent voxels and so shows nothing whatever their values; empty
     /// where there is no such brick.
     clear: Vec<bool>,
@@ -41,7 +55,8 @@ impl MinMaxBricks {
                 }
             });
         });
-        Self { dims: bricks, ranges, clear: Vec::new() }
+        let rim = with_voxels!(voxels, v => rim_range(v, dims));
+        Self { dims: bricks, ranges, rim, clear: Vec::new() }
     }
 
     /// The same bricks of a volume with these straight colors (`dims` voxels), of which transparent ones show nothing.
@@ -71,50 +86,63 @@ impl MinMaxBricks {
         self.ranges.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)))
     }
 
-    /// Chebyshev distance, in bricks, of each brick to the nearest one that `is_occupied` (given its range of stored
-    /// numbers); 0 = occupied itself, 255 = that far or farther, or nothing is occupied.
-    pub fn distances(&self, is_occupied: impl Fn(f64, f64) -> bool) -> Vec<u8> {
-        chebyshev_distances(self.dims, |i| self.may_show(i) && is_occupied(self.ranges[i].0, self.ranges[i].1))
+    /// Chebyshev distance, in bricks, of each brick to the nearest one of which a piece whose middle is in it may show something:
+    /// one that `is_occupied` (given its range of stored numbers) or has such a one at most `reach` (see [`reach`]) away. 0 = itself,
+    /// 255 = that far or farther, or nothing is occupied.
+    pub fn distances(&self, reach: u8, is_occupied: impl Fn(f64, f64) -> bool + Sync) -> Vec<u8> {
+        let occupied = |i: usize| self.may_show(i) && is_occupied(self.ranges[i].0, self.ranges[i].1);
+        let mut distances = chebyshev_distances(self.dims, occupied);
+        if reach > 0 {
+            distances.iter_mut().filter(|d| **d < u8::MAX).for_each(|d| *d = d.saturating_sub(reach));
+        }
+        distances
     }
 }
 
 /// Chebyshev distance of each cell of a box of `dims` cells (x fastest) to the nearest one that `is_occupied`; 0 = occupied itself,
 /// 255 = that far or farther, or nothing is occupied.
-pub fn chebyshev_distances(dims: [usize; 3], is_occupied: impl Fn(usize) -> bool) -> Vec<u8> {
-    let count = dims.iter().product();
-    let mut distance: Vec<u8> = (0..count).map(|i| if is_occupied(i) { 0 } else { u8::MAX }).collect();
-    let [nx, ny, nz] = dims.map(|n| n as isize);
-    // Two chamfer sweeps with weight 1 for all 26 neighbors are exact for the Chebyshev metric.
-    let half: Vec<[isize; 3]> = (-1..=1)
-        .flat_map(|z| (-1..=1).flat_map(move |y| (-1..=1).map(move |x| [x, y, z])))
-        .take_while(|&o| o != [0, 0, 0])
-        .collect();
-    let mut relax = |x: isize, y: isize, z: isize, sign: isize| {
-        let at = |x: isize, y: isize, z: isize| (x + nx * (y + ny * z)) as usize;
-        let mut best = distance[at(x, y, z)];
-        for [ox, oy, oz] in &half {
-            let (px, py, pz) = (x + sign * ox, y + sign * oy, z + sign * oz);
-            if (0..nx).contains(&px) && (0..ny).contains(&py) && (0..nz).contains(&pz) {
-                best = best.min(distance[at(px, py, pz)].saturating_add(1));
+pub fn chebyshev_distances(dims: [usize; 3], is_occupied: impl Fn(usize) -> bool + Sync) -> Vec<u8> {
+    let [nx, ny, nz] = dims;
+    let cells = (0..nx * ny * nz).into_par_iter().with_min_len(1 << 12);
+    let mut along_x: Vec<u8> = cells.map(|i| if is_occupied(i) { 0 } else { u8::MAX }).collect();
+    along_x.par_chunks_mut(nx).for_each(|row| {
+        for x in 1..nx {
+            row[x] = row[x].min(row[x - 1].saturating_add(1));
+        }
+        for x in (1..nx).rev() {
+            row[x - 1] = row[x - 1].min(row[x].saturating_add(1));
+        }
+    });
+    // The distance of two cells is the largest of those along the axes: axis by axis, of whole rows.
+    let along_y = nearest_of_rows(&along_x, nx, |row, reach| {
+        let (y, plane) = (row % ny, row - row % ny);
+        [y.checked_sub(reach), Some(y + reach).filter(|y| *y < ny)].map(|y| y.map(|y| plane + y))
+    });
+    nearest_of_rows(&along_y, nx, |row, reach| {
+        let behind = row + reach * ny;
+        [row.checked_sub(reach * ny), Some(behind).filter(|row| *row < ny * nz)]
+    })
+}
+
+/// The least, of every row of `nx` cells and those `others` that are so many rows away from it, of that distance and their own, whichever
+/// is larger.
+fn nearest_of_rows(distances: &[u8], nx: usize, others: impl Fn(usize, usize) -> [Option<usize>; 2] + Sync) -> Vec<u8> {
+    let mut nearest = distances.to_vec();
+    nearest.par_chunks_mut(nx).enumerate().for_each(|(row, own)| {
+        for reach in 1..u8::MAX {
+            let rows = others(row, usize::from(reach));
+            // Rows farther away change nothing any more.
+            if rows == [None, None] || own.iter().all(|d| *d <= reach) {
+                break;
+            }
+            for other in rows.into_iter().flatten() {
+                for (own, there) in own.iter_mut().zip(&distances[other * nx..][..nx]) {
+                    *own = (*own).min((*there).max(reach));
+                }
             }
         }
-        distance[at(x, y, z)] = best;
-    };
-    for z in 0..nz {
-        for y in 0..ny {
-            for x in 0..nx {
-                relax(x, y, z, 1);
-            }
-        }
-    }
-    for z in (0..nz).rev() {
-        for y in (0..ny).rev() {
-            for x in (0..nx).rev() {
-                relax(x, y, z, -1);
-            }
-        }
-    }
-    distance
+    });
+    nearest
 }
 
 /// Takes over into `distance` (see [`chebyshev_distances`]) that one more cell is occupied. Gives back whether that changed anything.
@@ -180,6 +208,23 @@ fn brick_range<T: Voxel>(voxels: &[T], dims: [usize; 3], brick: [usize; 3]) -> (
     (lo.to_f64(), hi.to_f64())
 }
 
+fn rim_range<T: Voxel>(voxels: &[T], [nx, ny, nz]: [usize; 3]) -> (f64, f64) {
+    let is_outer = |i: usize, n: usize| i < RIM || i + RIM >= n;
+    let of_row = |i: usize| {
+        let row = &voxels[i * nx..][..nx];
+        let whole = is_outer(i % ny, ny) || is_outer(i / ny, nz) || nx <= 2 * RIM;
+        let [left, right] = if whole { [row, &[]] } else { [&row[..RIM], &row[nx - RIM..]] };
+        left.iter()
+            .chain(right)
+            .map(|s| s.to_f64())
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), s| (low.min(s), high.max(s)))
+    };
+    (0..ny * nz)
+        .into_par_iter()
+        .map(of_row)
+        .reduce(|| (f64::INFINITY, f64::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,12 +241,29 @@ mod tests {
     }
 
     #[test]
+    fn the_rim_is_four_voxels_wide() {
+        let dims = [11, 10, 12];
+        let at = |x: usize, y: usize, z: usize| {
+            let mut v = vec![0i16; 11 * 10 * 12];
+            v[x + 11 * (y + 10 * z)] = -7;
+            MinMaxBricks::compute(&Voxels::I16(v), dims).rim.0
+        };
+        assert_eq!([at(4, 5, 6), at(6, 4, 7), at(5, 5, 5)], [0.0; 3]);
+        assert_eq!(
+            [at(3, 5, 6), at(7, 5, 6), at(5, 3, 6), at(5, 6, 6), at(5, 5, 3), at(5, 5, 8), at(0, 9, 0)],
+            [-7.0; 7]
+        );
+        // What is as thin is all rim.
+        assert_eq!(MinMaxBricks::compute(&Voxels::U8(vec![3; 8]), [8, 1, 1]).rim, (3.0, 3.0));
+    }
+
+    #[test]
     fn what_is_transparent_is_not_occupied() {
         let dims = [24, 8, 8];
         let mut colors = vec![[255, 255, 255, 0]; 24 * 64];
         colors[17] = [0, 0, 0, 1];
         let bricks = MinMaxBricks::compute(&Voxels::U8(vec![9; 24 * 64]), dims).without_clear(&colors, dims);
-        assert_eq!(bricks.distances(|_, _| true), [1, 0, 0]);
+        assert_eq!(bricks.distances(0, |_, _| true), [1, 0, 0]);
         assert_eq!([0, 1, 2].map(|i| bricks.may_show(i)), [false, true, true]);
     }
 
@@ -211,12 +273,21 @@ mod tests {
         let mut v = vec![0u8; 40 * 32 * 24];
         v[4 + 40 * (4 + 32 * 4)] = 1;
         let bricks = MinMaxBricks::compute(&Voxels::U8(v), dims);
-        let distance = bricks.distances(|_, hi| hi > 0.0);
+        let distance = bricks.distances(0, |_, hi| hi > 0.0);
         for (i, d) in distance.iter().enumerate() {
             let expected = (i % 5).max(i / 5 % 4).max(i / 20);
             assert_eq!(usize::from(*d), expected, "brick {i}");
         }
-        assert!(bricks.distances(|_, _| false).iter().all(|&d| d == 255));
+        assert!(bricks.distances(0, |_, _| false).iter().all(|&d| d == 255));
+        // Pieces that reach into the next brick find it from one brick farther away.
+        let farther = bricks.distances(1, |_, hi| hi > 0.0);
+        assert!(distance.iter().zip(&farther).all(|(d, f)| *f == d.saturating_sub(1)));
+        assert!(bricks.distances(1, |_, _| false).iter().all(|&d| d == 255));
+    }
+
+    #[test]
+    fn long_pieces_reach_into_more_bricks() {
+        assert_eq!([0.25, 2.0, 2.1, 4.0, 18.0, 18.1].map(reach), [0, 0, 1, 1, 1, 2]);
     }
 
     #[test]

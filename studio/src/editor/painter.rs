@@ -438,7 +438,9 @@ fn draw(
     };
     // Coarse: of every `stride`² pixels one.
     let stride = pace.coarse_stride(request);
-    let options = RenderOptions { stride, tile: 4096, ..RenderOptions::default() };
+    // At once, as large as it is.
+    let at_once = RenderOptions { tile: 4096, tile_ms: f64::INFINITY, ..RenderOptions::default() };
+    let options = RenderOptions { stride, ..at_once };
     let coarse = Instant::now();
     let hasty = Scene { quality: pace.coarse(), ..draft.clone() };
     let image = renderer.render(&hasty, request.size, &options, progress)?;
@@ -448,7 +450,7 @@ fn draw(
         return Ok(());
     }
     // All pixels at draft quality, then again at the figure's, row of tiles by row of tiles.
-    let options = RenderOptions { tile: pace.tile, ..RenderOptions::default() };
+    let options = RenderOptions { tile: pace.tile, ..at_once };
     let begun = Instant::now();
     let whole = renderer.render(&draft, request.size, &options, progress)?;
     pace.tiles_took(pace.num_tiles(request.size), begun.elapsed());
@@ -463,7 +465,6 @@ fn draw(
         rows(request.size, 0, &whole.pixels, done(request.size[1]));
     } else {
         rows(request.size, 0, &whole.pixels, done(0));
-        let options = RenderOptions { tile: pace.tile, ..RenderOptions::default() };
         let begun = Instant::now();
         let mut y = 0;
         renderer.render_bands(&scene, request.size, &options, progress, |band| {

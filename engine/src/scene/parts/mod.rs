@@ -313,20 +313,13 @@ fn check(parts: &Parts, grid: &Grid) -> Result<()> {
                 "let it go through a part that an earlier cut made",
             ));
         };
-        let (Some(behind), Some(front)) =
-            (whole.behind(&cut.plane, Some(i)), whole.behind(&cut.plane.flipped(), Some(i)))
-        else {
+        let halves = [cut.plane, cut.plane.flipped()].map(|plane| whole.behind(&plane, Some(i)));
+        let ([Some(behind), Some(front)], true) = (halves, whole.is_cut_by(&cut.plane)) else {
             return Err(Error::scene(
                 format!("cut {} goes past the part \"{}\"", i + 1, parts.list[cut.part].name),
                 "move its plane into the part, or remove it",
             ));
         };
-        if !whole.is_cut_by(&cut.plane) {
-            return Err(Error::scene(
-                format!("cut {} goes past the part \"{}\"", i + 1, parts.list[cut.part].name),
-                "move its plane into the part, or remove it",
-            ));
-        }
         bounds[cut.part] = behind;
         bounds.push(front);
     }
