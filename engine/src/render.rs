@@ -28,8 +28,8 @@ pub struct FloatImage {
 pub struct RenderOptions {
     /// Largest edge of a tile in pixels. Tiles are what progress, cancellation and a driver's patience count.
     pub tile: u32,
-    /// How long the adapter may work on a tile, ms: tiles are made as small as that takes, by how long others took. Nothing smaller
-    /// than [`SMALLEST_TILE`], and not at once: the first of a picture that is harder than the last one's take longer.
+    /// How long the adapter may work on a tile, ms: tiles are made as small as that takes, by how long others took. Not at
+    /// once: the first of a picture that is harder than the last one's take longer.
     pub tile_ms: f64,
     /// Leap over empty bricks; off only in tests and measurements.
     pub skip_empty: bool,
@@ -79,8 +79,9 @@ pub struct Renderer {
     pixel_ms: Option<f64>,
 }
 
-/// The smallest edge that tiles get for taking long.
-pub const SMALLEST_TILE: u32 = 16;
+/// The smallest that tiles get for taking long.
+const FEWEST_ROWS: u32 = 4;
+const FEWEST_COLUMNS: u32 = 64;
 /// Pixels of the first tiles of all.
 const FIRST_PIXELS: f64 = 16384.0;
 /// Heights are multiples of this where they are as large: what software adapters share out among processors.
@@ -199,7 +200,7 @@ impl Renderer {
             }
         };
         let most = options.tile.clamp(1, self.context.device.limits().max_texture_dimension_2d);
-        let most = most.min((BAND_BYTES / u64::from(width * BYTES_PER_PIXEL)).max(u64::from(SMALLEST_TILE)) as u32);
+        let most = most.min((BAND_BYTES / u64::from(width * BYTES_PER_PIXEL)).max(u64::from(FEWEST_ROWS)) as u32);
         progress.begin("rendering", u64::from(width) * u64::from(height));
         let mut slots: Vec<TileSlot> = Vec::new();
         let mut rows = Vec::new();
@@ -243,8 +244,8 @@ impl Renderer {
             None => FIRST_PIXELS,
             Some(pixel_ms) => options.tile_ms / pixel_ms.max(1e-9),
         };
-        let rows = ((pixels / f64::from(most[0])) as u32).max(SMALLEST_TILE);
-        let columns = ((pixels / f64::from(rows)) as u32).max(SMALLEST_TILE);
+        let rows = ((pixels / f64::from(most[0])) as u32).max(FEWEST_ROWS);
+        let columns = ((pixels / f64::from(rows)) as u32).max(FEWEST_COLUMNS);
         [columns.min(most[0]), if rows > TILE_STEP { rows - rows % TILE_STEP } else { rows }.min(most[1])]
     }
 

@@ -1,4 +1,4 @@
-// Which pieces of a ray may show anything, by what its tile of the picture has (docs/rendering.md §5).
+// Which pieces of a ray may show anything, by what its tile of the picture has (docs/rendering.md §11).
 #import bind/coverage
 #import bind/frame
 #import lib/ray

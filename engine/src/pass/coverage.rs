@@ -1,5 +1,5 @@
 //! Where in a picture anything may be seen: which of its tiles have something behind them that shows, and how far away it is. Rays are
-//! sent through these tiles only, and each begins and ends with what its tile has (docs/rendering.md §5). The pixels do not depend on it.
+//! sent through these tiles only, and each begins and ends with what its tile has (docs/rendering.md §11). The pixels do not depend on it.
 
 use glam::DVec3;
 
@@ -68,6 +68,9 @@ impl Coverage {
                 [at - reach, at + reach]
             };
             let depth = around(2);
+            if !is_parallel && depth[1] < 0.0 {
+                continue; // behind the eye
+            }
             let behind = |at: f64, depth: f64| if is_parallel { at } else { at / depth };
             let is_in_front = is_parallel || depth[0] > 1e-6 * near.radius_mm;
             let pixels = |a: usize, sign: f64| {
@@ -141,5 +144,34 @@ impl Coverage {
             bytemuck::cast_slice(&depths),
         );
         texture.create_view(&Default::default())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boxes_hold_what_is_covered_once() {
+        let size = [90, 70];
+        // A ring, a bar beside it, and a lone tile; rows that go on, that end, and that begin anew.
+        let rows = [".####.", ".#..#.", ".#..##", ".####.", "#....."];
+        let is_covered = |x: u32, y: u32| rows[(y / 15) as usize].as_bytes()[(x / 15) as usize] == b'#';
+        let coverage = Coverage::of_tiles(size, 15, |i| rows[i / 6].as_bytes()[i % 6] == b'#');
+        for (origin, stride, drawn) in [([0, 0], 1, size), ([7, 31], 1, [20, 30]), ([1, 2], 4, [23, 17])] {
+            let mut times = vec![0; (drawn[0] * drawn[1]) as usize];
+            for [x, y, width, height] in coverage.boxes(origin, [stride; 2], drawn) {
+                for at in (y..y + height).flat_map(|y| (x..x + width).map(move |x| x + drawn[0] * y)) {
+                    times[at as usize] += 1;
+                }
+            }
+            for (i, times) in (0..).zip(times) {
+                let place = [i % drawn[0], i / drawn[0]];
+                let [x, y] = [0, 1].map(|a| origin[a] + stride * place[a]);
+                assert_eq!(times, u32::from(is_covered(x, y)), "{x}, {y}");
+            }
+        }
+        assert_eq!(Coverage::of_tiles(size, 15, |_| true).boxes([0, 0], [1; 2], size).count(), 1);
+        assert_eq!(Coverage::of_tiles(size, 15, |_| false).boxes([0, 0], [1; 2], size).count(), 0);
     }
 }
